@@ -1,0 +1,29 @@
+"""What the box remembers: one SQLite database, durable, with numbered migrations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from device.clock import Clock
+from device.store.database import Database
+from device.store.places import Places
+from device.store.surveys import NewRecording, Surveys
+
+__all__ = ["NewRecording", "Store"]
+
+
+class Store:
+    """The database with its queries, by subject: ``places`` and ``surveys``.
+
+    ``notice`` is a sentence for the operator where the database had to be set aside. Raises as ``Database`` does.
+    """
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._database = Database(folder)
+        self.notice = self._database.notice
+        self.places = Places(self._database)
+        self.surveys = Surveys(self._database, clock)
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._database.close()

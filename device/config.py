@@ -1,0 +1,76 @@
+"""Settings: defaults, then an optional TOML file, then the command line."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from device.errors import Invalid
+
+CameraKind = Literal["realsense", "oak", "replay", "virtual"]
+
+
+def default_data_dir() -> Path:
+    """Where findings are kept unless the operator says otherwise."""
+    base = os.environ.get("XDG_DATA_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "share") / "borescout"
+
+
+class Settings(BaseModel):
+    """Everything that can be set. All have defaults; names the program does not know are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    data_dir: Path = Field(default_factory=default_data_dir)
+    host: str = Field("127.0.0.1", min_length=1)
+    port: int = Field(8080, ge=1, le=65535)
+    camera: CameraKind = "realsense"
+    replay: Path | None = None
+    replay_hz: float = Field(15.0, gt=0, le=120)
+    frames: int = Field(50, ge=1, le=500)
+    """Frames of one recording."""
+    live_hz: float = Field(4.0, ge=2.0, le=15.0)
+    """Estimates a second while the operator aims."""
+    workers: int = Field(2, ge=1, le=8)
+    reserve_mb: int = Field(50, ge=1)
+    """Free disk space below which no measurement is started."""
+    purge_days: int = Field(30, ge=1)
+    """How long a deleted survey can be brought back."""
+    virtual_cameras: int = Field(1, ge=1, le=2)
+    """With ``virtual``: 1 for active stereo, 2 for a time-of-flight camera beside it."""
+    virtual_seed: int = Field(1, ge=0)
+
+
+def load_settings(file: Path | None = None, **given: Any) -> Settings:
+    """Settings from ``file`` (TOML) with ``given`` on top, where None counts as not given. Raises Invalid, in one sentence."""
+    values: dict[str, Any] = {}
+    if file is not None:
+        try:
+            values = tomllib.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise Invalid(f"There is no settings file {file}.") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise Invalid(f"The settings file {file} cannot be read: {error}.") from None
+        except tomllib.TOMLDecodeError as error:
+            raise Invalid(f"The settings file {file} is not valid TOML: {error}.") from None
+    values.update({name: value for name, value in given.items() if value is not None})
+    try:
+        return Settings(**values)
+    except ValidationError as error:
+        raise Invalid(sentence(error, "setting")) from None
+
+
+def sentence(error: ValidationError, what: str) -> str:
+    """The first thing pydantic found wrong, as one sentence."""
+    first = error.errors(include_url=False, include_input=True)[0]
+    name = ".".join(str(part) for part in first["loc"]) or what
+    if first["type"] == "extra_forbidden":
+        return f"There is no {what} called {name}."
+    if first["type"] == "missing":
+        return f"The {what} {name} is missing."
+    message = first["msg"].removeprefix("Value error, ").rstrip(".")
+    return f"The {what} {name} cannot be {first['input']!r}: {message[:1].lower()}{message[1:]}."

@@ -1,0 +1,285 @@
+"""Surveys with their recordings, findings, prompts and what the operator said of them."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+from device.clock import Clock, iso
+from device.errors import NotFound
+from device.json_text import dumps
+from device.store.database import Database
+from device.store.places import pipe_json
+from device.surveys.joint_verdict import joint_verdict
+
+QUESTIONS = ("image_good", "cloud_is_pipe", "fit_aligned")
+_DAY_MS = 86_400_000
+
+
+@dataclass(frozen=True)
+class NewRecording:
+    """A recording that has been judged: who recorded what, its RESULT, and the cloud to draw (see ``clouds.py``)."""
+
+    camera: str
+    position: str | None
+    frames: int
+    result: dict[str, Any]
+    cloud: dict[str, Any] | None
+    settings: dict[str, Any]
+
+
+class Surveys:
+    """Queries on surveys. Everything returned is JSON-ready; whatever is written is on the disk when a method returns."""
+
+    def __init__(self, database: Database, clock: Clock) -> None:
+        self._database = database
+        self._clock = clock
+
+    def begin(self, kind: str, pipe_id: int | None) -> int:
+        """A new survey in the state "measuring"; its number."""
+        with self._database.write() as connection:
+            number = connection.execute(
+                "INSERT INTO surveys (kind, pipe_id, state, created_ms, clock_source, boot_id, monotonic_ns)"
+                " VALUES (?, ?, 'measuring', ?, ?, ?, ?)",
+                (
+                    kind,
+                    pipe_id,
+                    self._clock.epoch_ms(),
+                    self._clock.source,
+                    self._clock.boot_id,
+                    self._clock.monotonic_ns(),
+                ),
+            ).lastrowid
+        assert number is not None  # sqlite gives every inserted row a number
+        return number
+
+    def abandon(self, survey_id: int) -> None:
+        """A survey that came to nothing disappears; one that has recordings keeps them."""
+        with self._database.write() as connection:
+            _abandon(connection, survey_id)
+
+    def abandon_unfinished(self) -> int:
+        """What a power cut left in the state "measuring" is abandoned; how many there were."""
+        with self._database.write() as connection:
+            unfinished = [row["id"] for row in connection.execute("SELECT id FROM surveys WHERE state = 'measuring'")]
+            for survey_id in unfinished:
+                _abandon(connection, survey_id)
+        return len(unfinished)
+
+    def conclude(self, survey_id: int, state: str, recordings: list[NewRecording], conclusion: dict[str, Any]) -> None:
+        """Add ``recordings`` and their findings, replace the conclusion, keep the prompts: all of it or nothing."""
+        with self._database.write() as connection:
+            for recording in recordings:
+                recording_id = connection.execute(
+                    "INSERT INTO recordings (survey_id, camera, position, frames, settings) VALUES (?, ?, ?, ?, ?)",
+                    (survey_id, recording.camera, recording.position, recording.frames, dumps(recording.settings)),
+                ).lastrowid
+                cloud = None if recording.cloud is None else zlib.compress(dumps(recording.cloud).encode(), 6)
+                connection.execute(
+                    "INSERT INTO findings (survey_id, recording_id, kind, body, cloud) VALUES (?, ?, 'diameter', ?, ?)",
+                    (survey_id, recording_id, dumps(recording.result), cloud),
+                )
+            connection.execute("DELETE FROM findings WHERE survey_id = ? AND recording_id IS NULL", (survey_id,))
+            connection.execute(
+                "INSERT INTO findings (survey_id, recording_id, kind, body) VALUES (?, NULL, 'diameter', ?)",
+                (survey_id, dumps(conclusion)),
+            )
+            connection.executemany(
+                "INSERT INTO prompts (survey_id, code, reason, remedy) VALUES (?, ?, ?, ?)",
+                [(survey_id, prompt["code"], prompt["reason"], prompt["remedy"]) for prompt in conclusion.get("prompts", [])],
+            )
+            connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
+
+    def continue_(self, survey_id: int) -> None:
+        """Back to the state "measuring", for a second position. Raises NotFound."""
+        with self._database.write() as connection:
+            _row(connection, survey_id)
+            connection.execute("UPDATE surveys SET state = 'measuring' WHERE id = ?", (survey_id,))
+
+    def list(self, pipe_id: int | None, limit: int, before: int | None) -> list[dict[str, Any]]:
+        """Summaries, newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}."""
+        with self._database.read() as connection:
+            rows = connection.execute(
+                "SELECT surveys.*, pipes.name AS pipe_name, findings.body FROM surveys"
+                " LEFT JOIN pipes ON pipes.id = pipe_id"
+                " JOIN findings ON findings.survey_id = surveys.id AND recording_id IS NULL"
+                " WHERE NOT surveys.deleted"
+                " AND (:pipe IS NULL OR pipe_id = :pipe) AND (:before IS NULL OR surveys.id < :before)"
+                " ORDER BY surveys.id DESC LIMIT :limit",
+                {"pipe": pipe_id, "before": before, "limit": limit},
+            ).fetchall()
+            return [_summary(row, _operator(connection, row["id"])) for row in rows]
+
+    def get(self, survey_id: int) -> dict[str, Any]:
+        """One survey with everything but its clouds. Raises NotFound."""
+        with self._database.read() as connection:
+            row = _row(connection, survey_id)
+            pipe = connection.execute("SELECT * FROM pipes WHERE id = ?", (row["pipe_id"],)).fetchone()
+            recordings = connection.execute(
+                "SELECT recordings.*, findings.body FROM recordings JOIN findings ON findings.recording_id = recordings.id"
+                " WHERE recordings.survey_id = ? ORDER BY recordings.id",
+                (survey_id,),
+            ).fetchall()
+            conclusion = connection.execute(
+                "SELECT body FROM findings WHERE survey_id = ? AND recording_id IS NULL", (survey_id,)
+            ).fetchone()
+            operator = _operator(connection, survey_id)
+        result = json.loads(conclusion["body"]) if conclusion else None
+        verdict, by = joint_verdict(result["verdict"] if result else "retry", operator)
+        return {
+            "id": survey_id,
+            "kind": row["kind"],
+            "created": iso(row["created_ms"]),
+            "clock_source": row["clock_source"],
+            "pipe": pipe_json(pipe) if pipe else None,
+            "state": row["state"],
+            "recordings": [
+                {
+                    "id": recording["id"],
+                    "camera": recording["camera"],
+                    "position": recording["position"],
+                    "frames": recording["frames"],
+                    "result": json.loads(recording["body"]),
+                }
+                for recording in recordings
+            ],
+            "result": result,
+            "operator": operator,
+            "final_verdict": verdict,
+            "verdict_by": by,
+        }
+
+    def cloud(self, survey_id: int) -> dict[str, Any] | None:
+        """The cloud of the recording that was chosen, or the newest one; None where no recording has one. Raises NotFound."""
+        chosen = self.get(survey_id)["result"] or {}
+        with self._database.read() as connection:
+            rows = connection.execute(
+                "SELECT cloud, camera, position FROM recordings JOIN findings ON findings.recording_id = recordings.id"
+                " WHERE recordings.survey_id = ? AND cloud IS NOT NULL ORDER BY recordings.id DESC",
+                (survey_id,),
+            ).fetchall()
+        if not rows:
+            return None
+        wanted = (chosen.get("camera"), chosen.get("position"))
+        row = next((row for row in rows if (row["camera"], row["position"]) == wanted), rows[0])
+        cloud: dict[str, Any] = json.loads(zlib.decompress(row["cloud"]))
+        return cloud
+
+    def answer(self, survey_id: int, said: dict[str, Any], by: str, note: str) -> None:
+        """Keep what ``by`` said: {question: bool or None, "verdict": "accept", "retry" or None}. Raises NotFound."""
+        with self._database.write() as connection:
+            _row(connection, survey_id)
+            connection.execute(
+                "INSERT INTO answers (survey_id, last_recording, said, by_whom, note, created_ms, clock_source)"
+                " VALUES (:survey, (SELECT max(id) FROM recordings WHERE survey_id = :survey), :said, :by, :note, :ms, :source)",
+                {
+                    "survey": survey_id,
+                    "said": dumps(said),
+                    "by": by,
+                    "note": note,
+                    "ms": self._clock.epoch_ms(),
+                    "source": self._clock.source,
+                },
+            )
+
+    def delete(self, survey_id: int) -> None:
+        """Out of sight, but for ``restore``. Raises NotFound."""
+        with self._database.write() as connection:
+            _row(connection, survey_id)
+            connection.execute(
+                "UPDATE surveys SET deleted = 1, deleted_ms = ? WHERE id = ?", (self._clock.epoch_ms(), survey_id)
+            )
+
+    def restore(self, survey_id: int) -> None:
+        """Undo ``delete``. Raises NotFound where there is no such survey any more."""
+        with self._database.write() as connection:
+            _row(connection, survey_id, deleted=True)
+            connection.execute("UPDATE surveys SET deleted = 0, deleted_ms = NULL WHERE id = ?", (survey_id,))
+
+    def purge(self, older_than_days: int) -> int:
+        """Remove for good what was deleted that long ago; how many. While the date is unknown nothing is removed."""
+        now_ms = self._clock.epoch_ms()
+        if now_ms is None:
+            return 0
+        with self._database.write() as connection:
+            return connection.execute(
+                "DELETE FROM surveys WHERE deleted AND deleted_ms < ?", (now_ms - older_than_days * _DAY_MS,)
+            ).rowcount
+
+    def date_this_boot(self) -> None:
+        """Now that the date is known: date what was measured since the box was switched on."""
+        now_ms = self._clock.epoch_ms()
+        if now_ms is None:
+            return
+        with self._database.write() as connection:
+            connection.execute(
+                "UPDATE surveys SET created_ms = ? + monotonic_ns / 1000000, clock_source = ?"
+                " WHERE created_ms IS NULL AND boot_id = ?",
+                (now_ms - self._clock.monotonic_ns() // 1_000_000, self._clock.source, self._clock.boot_id),
+            )
+
+
+def _row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) -> sqlite3.Row:
+    row: sqlite3.Row | None = connection.execute(
+        "SELECT * FROM surveys WHERE id = ? AND (? OR NOT deleted)", (survey_id, deleted)
+    ).fetchone()
+    if row is None:
+        raise NotFound(f"There is no survey number {survey_id}.")
+    return row
+
+
+def _abandon(connection: sqlite3.Connection, survey_id: int) -> None:
+    recordings = connection.execute("SELECT count(*) FROM recordings WHERE survey_id = ?", (survey_id,)).fetchone()[0]
+    if recordings:
+        connection.execute("UPDATE surveys SET state = 'saved' WHERE id = ?", (survey_id,))
+    else:
+        connection.execute("DELETE FROM surveys WHERE id = ?", (survey_id,))
+
+
+def _operator(connection: sqlite3.Connection, survey_id: int) -> dict[str, Any] | None:
+    """The newest word on each question, and who had the last one.
+
+    What was said before the newest recording was said of another result: it stays in "history" and no longer counts.
+    """
+    rows = connection.execute(
+        "SELECT said, by_whom, note, last_recording IS"
+        " (SELECT max(id) FROM recordings WHERE recordings.survey_id = answers.survey_id) AS counts"
+        " FROM answers WHERE survey_id = ? ORDER BY id",
+        (survey_id,),
+    ).fetchall()
+    if not rows:
+        return None
+    latest: dict[str, Any] = {}
+    for row in rows:
+        if row["counts"]:
+            latest.update(json.loads(row["said"]))
+    return {
+        "answers": {question: latest.get(question) for question in QUESTIONS},
+        "verdict": latest.get("verdict"),
+        "by": rows[-1]["by_whom"],
+        "note": rows[-1]["note"],
+        "history": [{**json.loads(row["said"]), "by": row["by_whom"], "note": row["note"]} for row in rows],
+    }
+
+
+def _summary(row: sqlite3.Row, operator: dict[str, Any] | None) -> dict[str, Any]:
+    result = json.loads(row["body"])
+    verdict, by = joint_verdict(result["verdict"], operator)
+    return {
+        "id": row["id"],
+        "kind": row["kind"],
+        "created": iso(row["created_ms"]),
+        "clock_source": row["clock_source"],
+        "pipe_id": row["pipe_id"],
+        "pipe": row["pipe_name"],
+        "state": row["state"],
+        "diameter_mm": result["diameter_mm"],
+        "interval_mm": result["interval_mm"],
+        "dn": result["dn"],
+        "final_verdict": verdict,
+        "verdict_by": by,
+        "reasons": result["reasons"],
+    }
