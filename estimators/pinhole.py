@@ -46,7 +46,8 @@ class Intrinsics:
 
 @lru_cache(maxsize=16)
 def rays(intrinsics: Intrinsics) -> NDArray[np.float32]:
-    """Viewing ray of every pixel: (height, width, 2) of (X/Z, Y/Z), distortion removed. Read-only, computed once per intrinsics."""
+    """Viewing ray of every pixel: (height, width, 2) of (X/Z, Y/Z), distortion removed. Read-only, computed once per
+    intrinsics."""
     v, u = np.mgrid[0 : intrinsics.height, 0 : intrinsics.width]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     grid = deproject_pixels(pixels, intrinsics).reshape(intrinsics.height, intrinsics.width, 2).astype(np.float32)
@@ -68,7 +69,7 @@ def deproject_pixels(pixels: NDArray[np.float64], intrinsics: Intrinsics) -> NDA
         return np.stack(_distort(x, y, intrinsics.coeffs), axis=1)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
     points = np.stack([x, y], axis=1)[:, None, :]
-    undistorted = cv2.undistortPointsIter(points, np.eye(3), np.asarray(intrinsics.coeffs), np.eye(3), np.eye(3), criteria)
+    undistorted = cv2.undistortPoints(points, np.eye(3), np.asarray(intrinsics.coeffs), criteria=criteria)
     return np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
 
 

@@ -1,0 +1,66 @@
+"""What the box tells the operator: for every reason to refuse, what is wrong and what to do, one plain sentence each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """``reason`` says what is wrong, ``remedy`` what to do."""
+
+    code: str
+    reason: str
+    remedy: str
+
+    def to_json(self) -> dict[str, str]:
+        """As the page wants it."""
+        return asdict(self)
+
+
+PROMPTS = {
+    prompt.code: prompt
+    for prompt in (
+        Prompt("no_pipe", "No pipe is in view.", "Lower the box to the pipe and point the camera into it."),
+        Prompt(
+            "few_points",
+            "The camera sees too little of the wall.",
+            "Clean the window, give it light, and keep 20 cm off the wall.",
+        ),
+        Prompt(
+            "aim",
+            "The camera does not look along the pipe.",
+            "Turn the box until the pipe is round in the picture, with wall on all sides.",
+        ),
+        Prompt(
+            "motion",
+            "The box moved during the measurement.",
+            "Rest the box on the invert or hold the rod still, then measure again.",
+        ),
+        Prompt(
+            "unstable",
+            "The diameter changes from try to try.",
+            "Clean the window, move the box a hand's breadth and measure again.",
+        ),
+        Prompt(
+            "wide_interval",
+            "The diameter is not known well enough to order a lining.",
+            "Move further into the pipe so that more wall is seen, and measure again.",
+        ),
+        Prompt(
+            "water",
+            "Water or deposit hides the lower part of the pipe.",
+            "Stop the flow or raise the box so that more of the wall is seen.",
+        ),
+        Prompt(
+            "camera_lost",
+            "The camera stopped sending pictures.",
+            "Wait for it to come back, or check its cable, then measure again.",
+        ),
+        Prompt(
+            "second_position",
+            "A pipe this wide needs a second measurement.",
+            "Move the box to the middle of the pipe and press Measure again.",
+        ),
+    )
+}

@@ -1,0 +1,137 @@
+"""A recording of N frames to one diameter with its interval, and the proxies of the paper's Table 2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.frame import KEPT_SHARE, FrameEstimate
+
+MIN_FRAMES_FOR_SPREAD = 5
+"""Below this the spread between frames says nothing, and the resampled fits stand in for it."""
+PROXIES = ("inlier_share", "mse", "radius", "orientation")
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """What the spread cannot show. ``scale_std``: relative scale error of the camera and its window; ``fit_factor``: how much
+    larger the
+    true error of a fit is than its covariance says; ``floor`` (m): wall roughness and joints."""
+
+    scale_std: float = 0.005
+    fit_factor: float = 3.0
+    floor: float = 0.0005
+
+
+@dataclass(frozen=True)
+class RecordingEstimate:
+    """One recording. Metres; ``nan`` where nothing could be fitted.
+
+    ``diameter`` is the median over frames, ``mean`` and ``inlier_weighted_mean`` (eq. 8 over the sum of the *weights*) stand
+    beside it.
+    ``radius_std`` is the spread of the radius between frames, or between resampled fits where there are few frames.
+    ``proxies`` holds (mean, standard deviation) of each of PROXIES. ``sway`` (m) is how far the axis moved across itself
+    between frames.
+    """
+
+    frames: int
+    fitted: int
+    diameter: float
+    mean: float
+    inlier_weighted_mean: float
+    radius_std: float
+    interval: tuple[float, float]
+    proxies: dict[str, tuple[float, float]]
+    sway: float
+    typical: FrameEstimate | None
+    area: float
+    coverage: float
+    valid_share: float
+    inlier_count: float
+    inside: float
+    length: float
+
+
+def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -> RecordingEstimate:
+    """Combine the frames of one recording (one position, one camera)."""
+    errors = errors or ErrorModel()
+    nan = float("nan")
+    fits = [(frame, frame.fit) for frame in frames if frame.fit is not None]
+    valid_share = float(np.mean([frame.valid_share for frame in frames])) if frames else 0.0
+    if not fits:
+        empty = dict.fromkeys(PROXIES, (nan, nan))
+        return RecordingEstimate(
+            len(frames), 0, nan, nan, nan, nan, (nan, nan), empty, nan, None, 0.0, 0.0, valid_share, 0.0, nan, 0.0
+        )
+    radii = np.array([fit.radius for _, fit in fits])
+    shares = np.array([fit.inlier_share for _, fit in fits])
+    radius = float(np.median(radii))
+    radius_std = _spread(radii, [frame for frame, _ in fits], radius)
+    typical, _ = min(fits, key=lambda pair: abs(pair[1].radius - radius))
+    values = {
+        "inlier_share": shares,
+        "mse": np.array([fit.mse for _, fit in fits]),
+        "radius": radii,
+        "orientation": np.array([fit.orientation for _, fit in fits]),
+    }
+    proxies = {name: (float(np.mean(v)), float(np.std(v, ddof=1)) if len(v) > 1 else nan) for name, v in values.items()}
+    proxies["radius"] = (proxies["radius"][0], radius_std)
+    return RecordingEstimate(
+        frames=len(frames),
+        fitted=len(fits),
+        diameter=2 * radius,
+        mean=2 * float(radii.mean()),
+        inlier_weighted_mean=2 * float((radii * shares).sum() / max(shares.sum(), 1e-9)),
+        radius_std=radius_std,
+        interval=_interval(radius, radius_std, [fit.radius_std for _, fit in fits], errors),
+        proxies=proxies,
+        sway=_sway(np.array([fit.axis for _, fit in fits]), np.array([fit.point for _, fit in fits])),
+        typical=typical,
+        area=_median([fit.area for _, fit in fits]),
+        coverage=_median([fit.coverage for _, fit in fits]),
+        valid_share=valid_share,
+        inlier_count=_median([fit.inlier_count for _, fit in fits]),
+        inside=_median([fit.inside for _, fit in fits]),
+        length=_median([fit.length for _, fit in fits]),
+    )
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values))
+
+
+def _spread(radii: NDArray[np.float64], frames: Sequence[FrameEstimate], radius: float) -> float:
+    """Standard deviation of the radius between frames, or of all resampled fits where there are too few; a failed one counts
+    as all wrong."""
+    if len(radii) >= MIN_FRAMES_FOR_SPREAD:
+        return float(np.std(radii, ddof=1))
+    resampled = np.array([r for frame in frames for r in frame.resampled_radii])
+    fit_std = float(np.median([frame.fit.radius_std for frame in frames if frame.fit is not None]))
+    if len(resampled) == 0:
+        return max(fit_std, float(np.std(radii)))
+    deviation = np.where(np.isfinite(resampled), resampled - radius, radius)
+    to_full_sample = KEPT_SHARE / (
+        1 - KEPT_SHARE
+    )  # fits to a share of the blocks differ less from the whole than new data would
+    return float(np.hypot(np.sqrt(np.mean(deviation**2) * to_full_sample), fit_std))
+
+
+def _interval(radius: float, radius_std: float, fit_stds: Sequence[float], errors: ErrorModel) -> tuple[float, float]:
+    """95 % interval of the diameter. The frames of one recording share their fit error, so that part is not divided by their
+    number."""
+    count = len(fit_stds)
+    between = radius_std**2 / count if count >= MIN_FRAMES_FOR_SPREAD else radius_std**2
+    common = (errors.fit_factor * _median(fit_stds)) ** 2 + (errors.scale_std * radius) ** 2 + errors.floor**2
+    half = 1.96 * 2 * float(np.sqrt(between + common))
+    return 2 * radius - half, 2 * radius + half
+
+
+def _sway(axes: NDArray[np.float64], points: NDArray[np.float64]) -> float:
+    """Median move (m) of the axis between consecutive frames, seen at 0.5 m: sideways shift and swing together."""
+    if len(axes) < 2:
+        return 0.0
+    at = points + axes * ((0.5 - points[:, 2]) / axes[:, 2])[:, None]
+    return float(np.median(np.linalg.norm(np.diff(at, axis=0), axis=1)))
