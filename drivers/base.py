@@ -23,3 +23,7 @@ class BadFrame(DriverError):
 
 class EndOfRecording(DriverError):
     """The recording has been played to its end."""
+
+
+class RecordingBroken(DriverError):
+    """A recording cannot be read: its manifest, or a file it names, is missing or damaged."""

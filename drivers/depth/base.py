@@ -32,6 +32,33 @@ class DepthFrame:
     """What a twin knows of the frame. Empty on every real camera and on replay; no survey may read it."""
 
 
+@dataclass(frozen=True)
+class DepthSettings:
+    """What is asked of a depth camera. A camera that cannot do all of it does less and says so in ``DepthCamera.notice``.
+
+    ``fps`` in 1/s; ``emitter`` is the infrared dot projector; ``exposure_us`` of the infrared pair in microseconds, None for
+    automatic; ``laser_power`` as a share 0..1 of the projector's range, None for the camera's default; ``serial`` picks one of
+    several cameras.
+    """
+
+    width: int = 848
+    height: int = 480
+    fps: int = 30
+    color: bool = True
+    emitter: bool = True
+    exposure_us: int | None = None
+    laser_power: float | None = None
+    serial: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1 or self.fps < 1:
+            raise ValueError(f"a depth camera cannot stream {self.width} x {self.height} at {self.fps} frames a second")
+        if self.exposure_us is not None and self.exposure_us < 1:
+            raise ValueError(f"exposure must be a positive number of microseconds, got {self.exposure_us}")
+        if self.laser_power is not None and not 0.0 <= self.laser_power <= 1.0:
+            raise ValueError(f"laser power must be between 0 and 1, got {self.laser_power}")
+
+
 class DepthCamera(ABC):
     """One depth camera.
 
@@ -40,6 +67,8 @@ class DepthCamera(ABC):
     """
 
     name: str = "depth camera"
+    notice: str = ""
+    """One sentence for the operator where the camera runs with less than was asked (no colour, fewer frames), else empty."""
 
     def open(self) -> None:
         """Start streaming. Raises SensorMissing where there is no camera, SensorLost where it does not start."""
@@ -51,10 +80,11 @@ class DepthCamera(ABC):
         height, width = frame.intrinsics.height, frame.intrinsics.width
         if frame.depth.dtype != np.uint16 or frame.depth.shape != (height, width):
             raise BadFrame(
-                f"{self.name} sent a depth picture of {frame.depth.shape} {frame.depth.dtype}, expected {(height, width)} uint16"
+                f"The {self.name} sent a depth picture of {frame.depth.shape} {frame.depth.dtype}, "
+                f"expected {(height, width)} uint16."
             )
         if not frame.depth_unit_m > 0:
-            raise BadFrame(f"{self.name} states a depth unit of {frame.depth_unit_m} m")
+            raise BadFrame(f"The {self.name} states a depth unit of {frame.depth_unit_m} m.")
         return frame
 
     @abstractmethod

@@ -1,0 +1,18 @@
+"""The camera makers' Python packages: imported where they are used, so that a box needs only its own camera's."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from drivers.base import SensorMissing
+
+EXTRAS = {"pyrealsense2": "realsense", "depthai": "oak"}
+
+
+def library(name: str) -> Any:
+    """The package ``name``, a key of EXTRAS. Raises SensorMissing with the command that installs it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise SensorMissing(f"The package {name} is not installed: run pip install 'borescout[{EXTRAS[name]}]'.") from error
