@@ -36,6 +36,7 @@ class Thresholds:
     max_radius_std_resampled_mm: float
     max_half_interval_mm: float
     max_inside: float
+    max_taper: float
 
 
 @cache
@@ -54,16 +55,23 @@ def reasons_to_refuse(recording: RecordingEstimate, thresholds: Thresholds) -> t
     if recording.fitted == 0:
         return (blind,)
     share = recording.proxies["inlier_share"][0]
-    if recording.fitted < 0.5 * recording.frames or recording.area < 0.5 * t.min_area or share < 0.5 * t.min_inlier_share:
+    if (
+        recording.fitted < 0.5 * recording.frames
+        or recording.support.area < 0.5 * t.min_area
+        or share < 0.5 * t.min_inlier_share
+    ):
         return (blind,)
     few_frames = recording.fitted < MIN_FRAMES_FOR_SPREAD
     spread = t.max_radius_std_resampled_mm if few_frames else t.max_radius_std_frames_mm
-    coverage_deg = math.degrees(recording.coverage)
-    blocked = recording.inside > t.max_inside
+    coverage_deg = math.degrees(recording.support.coverage)
+    blocked = recording.support.inside > t.max_inside
     low, high = recording.interval
     checks = (
-        ("unstable", 1000 * recording.radius_std > spread),
-        ("few_points", recording.area < t.min_area or recording.inlier_count < t.min_inliers or share < t.min_inlier_share),
+        ("unstable", 1000 * recording.radius_std > spread or recording.support.taper > t.max_taper),
+        (
+            "few_points",
+            recording.support.area < t.min_area or recording.support.inlier_count < t.min_inliers or share < t.min_inlier_share,
+        ),
         ("water", blocked),
         ("aim", coverage_deg < t.min_coverage_deg or recording.proxies["orientation"][0] < t.min_orientation),
         ("motion", 1000 * recording.sway > t.max_sway_mm),

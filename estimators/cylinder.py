@@ -245,7 +245,8 @@ class CylinderFit:
     ``inlier_share`` and ``mse`` (m^2, the square that eq. 7 is called for) are the paper's proxies, ``orientation`` is eq. 9,
     ``coverage``
     (rad) the angle around the axis where wall is seen, ``length`` (m) the wall seen along the axis, ``area`` see ``wall_area``,
-    ``inside`` the share of points that stand free in the pipe between the wall and the axis, ``inlier_count`` the points on
+    ``inside`` the share of points that stand free in the pipe between the wall and the axis, ``taper`` the
+    change of radius along the axis (m per m; 0 for a pipe, not for a cone), ``inlier_count`` the points on
     the wall.
     """
 
@@ -261,6 +262,8 @@ class CylinderFit:
     length: float
     area: float
     inside: float
+    taper: float
+    taper: float
 
     @property
     def cylinder(self) -> Cylinder:
@@ -307,7 +310,24 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
         length=float(high - low),
         area=wall_area(cloud.points, cloud.normals, sigma, cylinder),
         inside=float(np.mean(free & within)),
+        taper=_taper(cloud, cylinder, anchor, sigma),
     )
+
+
+def _taper(cloud: OrientedPoints, cylinder: Cylinder, anchor: NDArray[np.float64], sigma: Array) -> float:
+    """Change of radius along the axis (m per m), by one robust step with a sixth parameter and with room for a wall that is
+    not parallel."""
+    near = radial_agreement(cloud.points, cloud.normals, cylinder) > _NORMAL_AGREEMENT
+    points = cloud.points[near].astype(np.float64)
+    residual, jacobian, _, middle = linearise(points, cylinder.axis, anchor, cylinder.radius)
+    jacobian = np.concatenate([jacobian, -((points - middle) @ cylinder.axis)[:, None]], axis=1)
+    spread = np.maximum(3.0 * sigma[near], 0.05 * cylinder.radius)
+    correction = np.zeros(6)
+    for _ in range(3):
+        left = residual + jacobian @ correction
+        weighted = jacobian * (tukey(left / spread) / spread**2)[:, None]
+        correction = -np.linalg.pinv(weighted.T @ jacobian) @ (weighted.T @ residual)
+    return float(correction[5])
 
 
 def _clustered_radius_std(

@@ -27,6 +27,21 @@ class ErrorModel:
 
 
 @dataclass(frozen=True)
+class Support:
+    """Medians over the frames of what ``CylinderFit`` says of the wall that was seen; ``taper`` without its sign."""
+
+    area: float
+    coverage: float
+    inlier_count: float
+    inside: float
+    length: float
+    taper: float
+
+
+NO_SUPPORT = Support(area=0.0, coverage=0.0, inlier_count=0.0, inside=0.0, length=0.0, taper=0.0)
+
+
+@dataclass(frozen=True)
 class RecordingEstimate:
     """One recording. Metres; ``nan`` where nothing could be fitted.
 
@@ -46,13 +61,9 @@ class RecordingEstimate:
     interval: tuple[float, float]
     proxies: dict[str, tuple[float, float]]
     sway: float
-    typical: FrameEstimate | None
-    area: float
-    coverage: float
     valid_share: float
-    inlier_count: float
-    inside: float
-    length: float
+    support: Support
+    typical: FrameEstimate | None
 
 
 def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -> RecordingEstimate:
@@ -63,9 +74,7 @@ def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -
     valid_share = float(np.mean([frame.valid_share for frame in frames])) if frames else 0.0
     if not fits:
         empty = dict.fromkeys(PROXIES, (nan, nan))
-        return RecordingEstimate(
-            len(frames), 0, nan, nan, nan, nan, (nan, nan), empty, nan, None, 0.0, 0.0, valid_share, 0.0, nan, 0.0
-        )
+        return RecordingEstimate(len(frames), 0, nan, nan, nan, nan, (nan, nan), empty, nan, valid_share, NO_SUPPORT, None)
     radii = np.array([fit.radius for _, fit in fits])
     shares = np.array([fit.inlier_share for _, fit in fits])
     radius = float(np.median(radii))
@@ -89,13 +98,16 @@ def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -
         interval=_interval(radius, radius_std, [fit.radius_std for _, fit in fits], errors),
         proxies=proxies,
         sway=_sway(np.array([fit.axis for _, fit in fits]), np.array([fit.point for _, fit in fits])),
-        typical=typical,
-        area=_median([fit.area for _, fit in fits]),
-        coverage=_median([fit.coverage for _, fit in fits]),
         valid_share=valid_share,
-        inlier_count=_median([fit.inlier_count for _, fit in fits]),
-        inside=_median([fit.inside for _, fit in fits]),
-        length=_median([fit.length for _, fit in fits]),
+        support=Support(
+            area=_median([fit.area for _, fit in fits]),
+            coverage=_median([fit.coverage for _, fit in fits]),
+            inlier_count=_median([fit.inlier_count for _, fit in fits]),
+            inside=_median([fit.inside for _, fit in fits]),
+            length=_median([fit.length for _, fit in fits]),
+            taper=_median([abs(fit.taper) for _, fit in fits]),
+        ),
+        typical=typical,
     )
 
 

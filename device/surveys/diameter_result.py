@@ -162,7 +162,7 @@ def _trust(recording: RecordingEstimate, refused: bool) -> float:
     if recording.fitted == 0:
         return 0.0
     steadiness = math.exp(-2000 * recording.radius_std / TOLERANCE_MM)
-    view = min(recording.coverage / math.pi, 1.0)
+    view = min(recording.support.coverage / math.pi, 1.0)
     trust = 0.5 * steadiness + 0.5 * view
     return min(trust, 0.69) if refused else max(trust, 0.7)
 
