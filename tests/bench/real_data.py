@@ -79,12 +79,20 @@ def distance_outside(diameter_m: float | None, truth_m: tuple[float, float]) -> 
 
 
 def cropped_cloud(
-    depth: NDArray[np.uint16], intrinsics: Intrinsics, depth_unit_m: float, z_max: float = 2.5
+    depth: NDArray[np.uint16],
+    intrinsics: Intrinsics,
+    depth_unit_m: float,
+    z_min: float = 0.0,
+    z_max: float = 2.5,
+    lateral: float = 1.0,
 ) -> NDArray[np.float32]:
-    """Points (N, 3), metres, inside the paper's crop: |X|, |Y| <= 1 m, 0 < Z <= ``z_max`` (eqs. 3 to 5, Algorithm 1 step 1)."""
+    """Points (N, 3) in metres with |X|, |Y| <= ``lateral`` and ``z_min`` < Z <= ``z_max``.
+
+    The defaults are the paper's eqs. 3 to 5 and step 1 of its Algorithm 1.
+    """
     z = depth.astype(np.float32) * np.float32(depth_unit_m)
     xy = rays(intrinsics) * z[..., None]
-    keep = (z > 0) & (z <= z_max) & (np.abs(xy) <= 1.0).all(axis=2)
+    keep = (z > z_min) & (z <= z_max) & (np.abs(xy) <= lateral).all(axis=2)
     return np.concatenate([xy[keep], z[keep][:, None]], axis=1)
 
 

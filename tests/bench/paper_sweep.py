@@ -1,0 +1,177 @@
+"""The paper's own Algorithm 1 and verdict on our data: its Fig. 5 (sweep over d_max), Fig. 6 (error by size), verdict.
+
+python -m tests.bench.paper_sweep                      the real frames, one frame a recording
+python -m tests.bench.paper_sweep --campaign 1         the virtual campaign with this seed
+                                  --fit-campaign 101   where the threshold of its verdict is fitted
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from tests.bench import paper_algorithm
+from tests.bench.paper_algorithm import D_MAX_BEST, D_MAX_SWEEP, PaperFit, PaperRecording
+from tests.bench.ranking import auroc, best_threshold
+from tests.bench.real_data import TOLERANCE_M, distance_outside, fail, real_frames
+from tests.bench.table import mm, percent, print_table
+
+WORKERS = 2
+SIZE_BANDS_M = (0.0, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.05, 1.2)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One recording of a campaign measured by the paper: its consensus for each d_max (none where nothing was fitted)."""
+
+    pipe: str
+    truth_m: float
+    consensus: dict[float, PaperRecording]
+
+    def error(self, d_max: float = D_MAX_BEST) -> float:
+        """Distance of the median diameter from the truth in metres, infinite where there is none."""
+        found = self.consensus.get(d_max)
+        return abs(found.median_diameter - self.truth_m) if found else float("inf")
+
+    def radius_std(self, d_max: float = D_MAX_BEST) -> float:
+        """The proxy of the verdict, infinite where nothing was fitted."""
+        found = self.consensus.get(d_max)
+        return found.radius_std if found else float("inf")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--campaign", type=int, metavar="SEED", help="measure the virtual campaign instead of the real frames")
+    parser.add_argument(
+        "--fit-campaign", type=int, metavar="SEED", default=101, help="campaign that fits the verdict's threshold"
+    )
+    parser.add_argument("--recordings", type=int, metavar="N", help="only the first N recordings of each campaign")
+    arguments = parser.parse_args()
+    started = time.perf_counter()
+    print(
+        f"Paper's Algorithm 1: {paper_algorithm.HYPOTHESES} hypotheses, {paper_algorithm.NEIGHBOURS} neighbours, "
+        f"inliers counted on {paper_algorithm.SCORED_POINTS} random points, seed = number of the frame"
+    )
+    if arguments.campaign is None:
+        real()
+    else:
+        if arguments.campaign == arguments.fit_campaign:
+            fail("The threshold must be fitted on another campaign than the one it is judged on.")
+        campaign(arguments.campaign, arguments.fit_campaign, arguments.recordings)
+    print(f"\n{time.perf_counter() - started:.0f} s")
+
+
+def real() -> None:
+    """Sweep over d_max on the real frames with a visible wall; single frames, so the consensus is the one estimate."""
+    frames = [frame for frame in real_frames() if frame.wall_visible]
+    errors: dict[float, list[float]] = {d_max: [] for d_max in D_MAX_SWEEP}
+    for number, frame in enumerate(frames):
+        fits = paper_algorithm.fit_frame(frame.depth, frame.intrinsics, frame.depth_unit_m, seed=number)
+        for d_max in D_MAX_SWEEP:
+            fit = fits.get(d_max)
+            errors[d_max].append(distance_outside(2 * fit.radius if fit else None, frame.truth_m))
+    rows = [
+        (f"{d_max * 1000:.0f}", percent(sum(e <= TOLERANCE_M for e in error), len(error)), mm(float(np.median(error))))
+        for d_max, error in errors.items()
+    ]
+    print_table(f"{len(frames)} real frames with a visible wall", ("d_max mm", "within 20 mm", "median error mm"), rows)
+
+
+def campaign(seed: int, fit_seed: int, limit: int | None) -> None:
+    """Figs. 5 and 6 and the verdict on one virtual campaign, the verdict's threshold fitted on another."""
+    fitted = measure_campaign(fit_seed, limit)
+    threshold = best_threshold([m.radius_std() for m in fitted], [m.error() > TOLERANCE_M for m in fitted])
+    measured = measure_campaign(seed, limit)
+    _print_sweep(measured, seed)
+    _print_sizes(measured)
+    _print_verdict(measured, threshold, fit_seed)
+
+
+def measure_campaign(seed: int, limit: int | None = None) -> list[Measured]:
+    """Every recording of the campaign, by two processes."""
+    count = len(_recordings(seed)) if limit is None else min(limit, len(_recordings(seed)))
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(_measure, [seed] * count, range(count)))
+
+
+@lru_cache(maxsize=2)
+def _recordings(seed: int) -> Sequence[Any]:
+    from drivers.virtual.campaign import campaign as virtual_campaign  # here: the real frames need no virtual sewer
+
+    recordings: Sequence[Any] = virtual_campaign(seed)
+    return recordings
+
+
+def _measure(seed: int, index: int) -> Measured:
+    recording = _recordings(seed)[index]
+    fits: dict[float, list[PaperFit]] = {d_max: [] for d_max in D_MAX_SWEEP}
+    for number, (depth, intrinsics, depth_unit_m) in enumerate(recording.frames()):
+        for d_max, fit in paper_algorithm.fit_frame(depth, intrinsics, depth_unit_m, seed=number).items():
+            fits[d_max].append(fit)
+    consensus = {d_max: paper_algorithm.summarise(found) for d_max, found in fits.items()}
+    return Measured(
+        pipe=str(recording.pipe_id),
+        truth_m=recording.truth_diameter_m,
+        consensus={d_max: result for d_max, result in consensus.items() if result is not None},
+    )
+
+
+def _print_sweep(measured: list[Measured], seed: int) -> None:
+    rows = []
+    for d_max in D_MAX_SWEEP:
+        found = [(m.consensus.get(d_max), m.truth_m) for m in measured]
+        shares = [
+            sum(c is not None and abs(getattr(c, kind) - truth) <= TOLERANCE_M for c, truth in found)
+            for kind in ("median_diameter", "mean_diameter", "inlier_weighted_diameter")
+        ]
+        rows.append((f"{d_max * 1000:.0f}", *(percent(share, len(measured)) for share in shares)))
+    title = f"Virtual campaign, seed {seed}: {len(measured)} recordings, share within 20 mm (paper's Fig. 5)"
+    print_table(title, ("d_max mm", "median", "mean", "inlier-weighted mean"), rows)
+
+
+def _print_sizes(measured: list[Measured]) -> None:
+    rows = []
+    for low, high in pairwise(SIZE_BANDS_M):
+        errors = [m.error() for m in measured if low < m.truth_m <= high]
+        if errors:
+            right = sum(e <= TOLERANCE_M for e in errors)
+            band = f"{low * 1000:.0f} to {high * 1000:.0f}"
+            rows.append((band, len(errors), percent(right, len(errors)), mm(float(np.median(errors))), mm(max(errors))))
+    title = f"By diameter at d_max = {D_MAX_BEST * 1000:.0f} mm, median of the frames (paper's Fig. 6)"
+    print_table(title, ("diameter mm", "recordings", "within 20 mm", "median error mm", "worst mm"), rows)
+
+
+def _print_verdict(measured: list[Measured], threshold: float, fit_seed: int) -> None:
+    wrong = np.array([m.error() > TOLERANCE_M for m in measured])
+    accepted = np.array([m.radius_std() <= threshold for m in measured])
+    pipes: dict[str, list[Measured]] = {}
+    for m in measured:
+        pipes.setdefault(m.pipe, []).append(m)
+    chosen = [min(positions, key=Measured.radius_std) for positions in pipes.values()]
+    rows = [
+        ("recordings within 20 mm", percent(int((~wrong).sum()), len(wrong))),
+        (
+            "pipes within 20 mm, position by smaller radius std",
+            percent(sum(m.error() <= TOLERANCE_M for m in chosen), len(chosen)),
+        ),
+        ("right and accepted", int((~wrong & accepted).sum())),
+        ("right and refused", int((~wrong & ~accepted).sum())),
+        ("wrong and accepted", int((wrong & accepted).sum())),
+        ("wrong and refused", int((wrong & ~accepted).sum())),
+        ("AUROC of radius std", f"{auroc([m.radius_std() for m in measured], wrong):.3f}"),
+    ]
+    title = f"Verdict: radius std at most {mm(threshold, 2)} mm, fitted for the best F1 on campaign {fit_seed}"
+    print_table(title, ("", "value"), rows)
+
+
+if __name__ == "__main__":
+    main()
