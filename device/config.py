@@ -27,10 +27,14 @@ class Settings(BaseModel):
 
     data_dir: Path = Field(default_factory=default_data_dir)
     host: str = Field("127.0.0.1", min_length=1)
-    port: int = Field(8080, ge=1, le=65535)
-    camera: CameraKind = "realsense"
+    port: int = Field(8080, ge=0, le=65535)
+    """0 for any that is free."""
+    cameras: tuple[CameraKind, ...] = Field(("realsense",), min_length=1, max_length=2)
     replay: Path | None = None
-    replay_hz: float = Field(15.0, gt=0, le=120)
+    """Folder with a manifest, or a .db3 or .bag file, for the camera "replay"."""
+    replay_hz: float = Field(30.0, gt=0, le=120)
+    replay_hold_s: float = Field(6.0, gt=0)
+    """How long each picture of a folder stays before the camera, so that it can be looked at and measured."""
     frames: int = Field(50, ge=1, le=500)
     """Frames of one recording."""
     live_hz: float = Field(4.0, ge=2.0, le=15.0)

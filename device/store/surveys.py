@@ -93,14 +93,14 @@ class Surveys:
             )
             connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
 
-    def continue_(self, survey_id: int) -> None:
+    def reopen(self, survey_id: int) -> None:
         """Back to the state "measuring", for a second position. Raises NotFound."""
         with self._database.write() as connection:
             _row(connection, survey_id)
             connection.execute("UPDATE surveys SET state = 'measuring' WHERE id = ?", (survey_id,))
 
-    def list(self, pipe_id: int | None, limit: int, before: int | None) -> list[dict[str, Any]]:
-        """Summaries, newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}."""
+    def summaries(self, pipe_id: int | None, limit: int, before: int | None) -> list[dict[str, Any]]:
+        """Newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}."""
         with self._database.read() as connection:
             rows = connection.execute(
                 "SELECT surveys.*, pipes.name AS pipe_name, findings.body FROM surveys"
@@ -174,7 +174,8 @@ class Surveys:
             _row(connection, survey_id)
             connection.execute(
                 "INSERT INTO answers (survey_id, last_recording, said, by_whom, note, created_ms, clock_source)"
-                " VALUES (:survey, (SELECT max(id) FROM recordings WHERE survey_id = :survey), :said, :by, :note, :ms, :source)",
+                " VALUES (:survey, (SELECT max(id) FROM recordings WHERE survey_id = :survey),"
+                " :said, :by, :note, :ms, :source)",
                 {
                     "survey": survey_id,
                     "said": dumps(said),

@@ -1,0 +1,97 @@
+"""The cameras of this box, each with the feed that keeps it alive."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from device.config import Settings
+from device.errors import Invalid
+from device.feed import CameraFeed
+from drivers.base import DriverError, FrameTimeout
+from drivers.depth.base import DepthCamera, DepthFrame
+from drivers.registry import open_depth_cameras
+
+
+class HeldReplay(DepthCamera):
+    """A folder of pictures as an operator can use it: each stays for ``hold_s`` seconds, sent ``rate_hz`` times a second."""
+
+    def __init__(self, recording: DepthCamera, hold_s: float, rate_hz: float) -> None:
+        self.name = recording.name
+        self._recording = recording
+        self._hold_s = hold_s
+        self._period_s = 1.0 / rate_hz
+        self._held: DepthFrame | None = None
+        self._held_until = 0.0
+        self._due = 0.0
+        self._number = 0
+
+    def _open(self) -> None:
+        self._recording.open()
+        self._held = None
+
+    def _read(self, timeout_s: float) -> DepthFrame:
+        now = time.monotonic()
+        wait_s = max(0.0, self._due - now)
+        if wait_s > timeout_s:
+            time.sleep(timeout_s)
+            raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:g} s.")
+        time.sleep(wait_s)
+        self._due = max(self._due + self._period_s, time.monotonic())
+        if self._held is None or time.monotonic() >= self._held_until:
+            self._held = self._recording.read(timeout_s)
+            self._held_until = time.monotonic() + self._hold_s
+        self._number += 1
+        return replace(self._held, number=self._number, monotonic_ns=time.monotonic_ns())
+
+    def close(self) -> None:
+        """Stop. Never raises, may be called twice."""
+        self._recording.close()
+
+
+def feeds(settings: Settings, on_change: Callable[[], None]) -> list[CameraFeed]:
+    """A feed for every camera of the settings, not started yet. Raises Invalid where the settings name what cannot be."""
+    found: list[CameraFeed] = []
+    for kind in settings.cameras:
+        arguments = _arguments(kind, settings)
+        for index in range(settings.virtual_cameras if kind == "virtual" else 1):
+            name = kind if all(feed.name != kind for feed in found) else f"{kind} {index + 1}"
+            make = _maker(kind, index, arguments, settings)
+            found.append(CameraFeed(name, kind, make, recorded=kind == "replay", on_change=on_change))
+    return found
+
+
+def _arguments(kind: str, settings: Settings) -> dict[str, Any]:
+    if kind == "replay":
+        if settings.replay is None:
+            raise Invalid("Say which recording to replay.")
+        _check_recording(settings.replay)
+        return {"source": settings.replay, "loop": True}
+    if kind == "virtual":
+        return {"seed": settings.virtual_seed, "cameras": settings.virtual_cameras}
+    return {}
+
+
+def _check_recording(source: Path) -> None:
+    """A recording that is missing or broken is the operator's slip, to be told before anything is started."""
+    from drivers.depth.replay import PLAYBACK_SUFFIXES, manifest_entries
+
+    if source.suffix.lower() in PLAYBACK_SUFFIXES and source.is_file():
+        return
+    try:
+        manifest_entries(source)
+    except DriverError as error:
+        raise Invalid(str(error)) from None
+
+
+def _maker(kind: str, index: int, arguments: dict[str, Any], settings: Settings) -> Callable[[], DepthCamera]:
+    def make() -> DepthCamera:
+        camera = open_depth_cameras(kind, **arguments)[index]
+        if kind == "replay" and settings.replay is not None and settings.replay.is_dir():
+            return HeldReplay(camera, settings.replay_hold_s, settings.replay_hz)
+        return camera
+
+    return make

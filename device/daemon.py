@@ -1,0 +1,285 @@
+"""The box behind one door: ``Device`` is all that the page, the API and the command line see of it."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import shutil
+import threading
+import time
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import IO, Any
+
+from device import clouds
+from device.bus import Bus, Subscription
+from device.cameras import feeds as make_feeds
+from device.clock import Clock
+from device.config import Settings
+from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
+from device.feed import CameraFeed
+from device.pictures import PictureCache
+from device.store import Store
+from device.store.surveys import QUESTIONS
+from device.surveys.diameter import DiameterSurvey
+from device.surveys.live import LiveEstimates
+from device.workers import WorkerPool
+
+log = logging.getLogger(__name__)
+
+POSITIONS = ("entrance", "top", "middle")
+_STATUS_PERIOD_S = 1.0
+_MOST_FRAMES = 500
+
+
+class Device:
+    """Cameras, workers, survey and store of one box, started by ``start`` and stopped by ``close``.
+
+    Raises StoreUnusable where the data folder cannot be used, Invalid where the settings name what cannot be. ``feeds`` and
+    ``pool`` stand in for what the settings would make. What the methods return is JSON-ready; their errors are DeviceErrors.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        feeds: list[CameraFeed] | None = None,
+        pool: WorkerPool | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.settings = settings
+        self._begun = time.monotonic()
+        self._bus = Bus()
+        self._clock = clock or Clock()
+        self._changed = threading.Event()
+        self._stop = threading.Event()
+        self._feeds = make_feeds(settings, self._changed.set) if feeds is None else feeds
+        self._lock_file = _lock(settings.data_dir)
+        self._pictures = PictureCache()
+        try:
+            self._store = Store(settings.data_dir, self._clock)
+        except DeviceError:
+            self._lock_file.close()
+            raise
+        self._pool = pool or WorkerPool(settings.workers)
+        self._live = LiveEstimates(self._feeds, self._pool, self._bus, settings.live_hz)
+        self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live)
+        self._announcer = threading.Thread(target=self._announce, name="status", daemon=True)
+
+    def start(self) -> Device:
+        """Begin to read the cameras and to publish. Returns at once."""
+        unfinished = self._store.surveys.abandon_unfinished()
+        if unfinished:
+            log.warning("%d measurement(s) were cut off when the box last stopped and are gone", unfinished)
+        purged = self._store.surveys.purge(self.settings.purge_days)
+        if purged:
+            log.info("%d survey(s) deleted more than %d days ago were removed", purged, self.settings.purge_days)
+        for feed in self._feeds:
+            feed.start()
+        self._live.start()
+        self._announcer.start()
+        return self
+
+    def close(self) -> None:
+        """Stop everything, cleanly. May be called twice."""
+        self._stop.set()
+        self._changed.set()
+        self._bus.close()
+        self._survey.close()
+        self._live.close()
+        for feed in self._feeds:
+            feed.close()
+        self._pool.close()
+        self._store.close()
+        self._lock_file.close()
+
+    def end_streams(self) -> None:
+        """End every subscription, so that the threads that serve them can end."""
+        self._bus.close()
+
+    # What is going on
+
+    def status(self) -> dict[str, Any]:
+        """Cameras, survey, storage and clock at this moment. Never waits for the disk or a camera."""
+        return {
+            "version": program_version(),
+            "uptime_s": round(time.monotonic() - self._begun, 1),
+            "cameras": [_camera_json(feed) for feed in self._feeds],
+            "survey": self._survey.state(),
+            "storage": {"free_mb": self._free_mb(), "notice": self._store.notice},
+            "clock": {"source": self._clock.source},
+            "workers_replaced": self._pool.replaced,
+        }
+
+    def live(self) -> dict[str, Any] | None:
+        """{"camera", "frame", "age_s", ...live_summary} of the best camera, None while no camera sends."""
+        return self._live.newest()
+
+    def subscribe(self) -> Subscription:
+        """Events from now on: "status", "live", "measurement", "prompt"."""
+        return self._bus.subscribe()
+
+    def picture(self, kind: str, camera: str | None = None) -> bytes | None:
+        """JPEG of the newest picture of ``camera``, or of the first camera that has one, or None.
+
+        ``kind`` is "depth" or "color". Raises NotFound, Invalid.
+        """
+        if kind != "depth" and kind != "color":  # spelt out for the type checker
+            raise Invalid("There are pictures of depth and of color.")
+        if camera is not None and all(feed.name != camera for feed in self._feeds):
+            raise NotFound(f"There is no camera called {camera}.")
+        for feed in self._feeds:
+            frame = feed.latest
+            if frame is not None and camera in (None, feed.name) and (kind == "depth" or frame.color is not None):
+                return self._pictures.jpeg(feed.name, kind, frame)
+        return None
+
+    def cloud(self, survey_id: int | None) -> dict[str, Any]:
+        """The point cloud with the fitted cylinder: of a survey, or of this moment. Raises NotFound."""
+        if survey_id is not None:
+            return self._store.surveys.cloud(survey_id) or clouds.EMPTY
+        shown = self._live.shown()
+        return clouds.EMPTY if shown is None else clouds.cloud_json(*shown)
+
+    # Wells and pipes
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Every node: {"id", "name", "site"}."""
+        return self._store.places.nodes()
+
+    def create_node(self, name: str) -> dict[str, Any]:
+        """A new node. Raises Invalid."""
+        return self._store.places.create_node(name)
+
+    def pipes(self) -> list[dict[str, Any]]:
+        """Every pipe: {"id", "name", "start_node", "end_node", "material", "shape", "reference_dn", "note"}."""
+        return self._store.places.pipes()
+
+    def create_pipe(self, data: dict[str, Any]) -> dict[str, Any]:
+        """A new pipe. Raises Invalid."""
+        return self._store.places.create_pipe(data)
+
+    def update_pipe(self, pipe_id: int, data: dict[str, Any]) -> dict[str, Any]:
+        """Change what ``data`` names. Raises NotFound, Invalid."""
+        return self._store.places.update_pipe(pipe_id, data)
+
+    def delete_pipe(self, pipe_id: int) -> None:
+        """Take the pipe off the list; its surveys stay. Raises NotFound."""
+        self._store.places.delete_pipe(pipe_id)
+
+    # Surveys
+
+    def measure(
+        self,
+        pipe_id: int | None = None,
+        position: str | None = None,
+        frames: int | None = None,
+        survey_id: int | None = None,
+    ) -> dict[str, Any]:
+        """Begin to measure: {"survey_id"}. With ``survey_id`` it is the second position of that survey.
+
+        Raises Busy, NotFound, Invalid, StorageFull. How it goes on is told by "measurement" events.
+        """
+        wanted = self.settings.frames if frames is None else frames
+        if not 1 <= wanted <= _MOST_FRAMES:
+            raise Invalid(f"A recording has between 1 and {_MOST_FRAMES} frames.")
+        if position is not None and position not in POSITIONS:
+            raise Invalid(f"The position is one of {', '.join(POSITIONS)}.")
+        if self._free_mb() < self.settings.reserve_mb:
+            raise StorageFull(f"Less than {self.settings.reserve_mb} MB are free: make room before you measure.")
+        return {"survey_id": self._survey.start(pipe_id, position, wanted, survey_id)}
+
+    def cancel(self) -> None:
+        """End the measurement under way, if there is one."""
+        self._survey.cancel()
+
+    def surveys(self, pipe_id: int | None = None, limit: int = 50, before: int | None = None) -> list[dict[str, Any]]:
+        """Summaries, newest first; ``before`` is the last number of the page before."""
+        return self._store.surveys.summaries(pipe_id, max(1, min(limit, 500)), before)
+
+    def survey(self, survey_id: int) -> dict[str, Any]:
+        """One survey with its recordings and results. Raises NotFound."""
+        return self._store.surveys.get(survey_id)
+
+    def answer(self, survey_id: int, data: dict[str, Any]) -> dict[str, Any]:
+        """What the operator says: the three questions, "verdict", "by", "note". The survey. Raises NotFound, Invalid."""
+        said = {key: data[key] for key in (*QUESTIONS, "verdict") if key in data}
+        if any(said[key] not in (True, False, None) for key in QUESTIONS if key in said):
+            raise Invalid("A question is answered with yes, no or not at all.")
+        if said.get("verdict") not in ("accept", "retry", None):
+            raise Invalid("The verdict is accept or retry.")
+        unknown = set(data) - set(said) - {"by", "note"}
+        if unknown:
+            raise Invalid(f"There is no question called {sorted(unknown)[0]}.")
+        self._store.surveys.answer(survey_id, said, str(data.get("by") or ""), str(data.get("note") or ""))
+        return self.survey(survey_id)
+
+    def delete_survey(self, survey_id: int) -> None:
+        """Out of sight; ``restore_survey`` undoes it until it is purged. Raises NotFound, Busy."""
+        self._survey.refuse_if_measuring(survey_id)
+        self._store.surveys.delete(survey_id)
+
+    def restore_survey(self, survey_id: int) -> dict[str, Any]:
+        """Undo ``delete_survey``; the survey. Raises NotFound."""
+        self._store.surveys.restore(survey_id)
+        return self.survey(survey_id)
+
+    def set_clock(self, epoch_ms: int) -> None:
+        """The browser offers its time; taken where the box has no better one. Raises Invalid."""
+        if self._clock.offer(epoch_ms):
+            self._store.surveys.date_this_boot()
+            self._changed.set()
+
+    def _free_mb(self) -> int:
+        try:
+            return shutil.disk_usage(self.settings.data_dir).free // 1_000_000
+        except OSError as error:  # the card was pulled out: nothing can be stored, and the page says so
+            log.warning("the free space of %s is unknown: %s", self.settings.data_dir, error)
+            return 0
+
+    def _announce(self) -> None:
+        while not self._stop.is_set():
+            self._changed.wait(_STATUS_PERIOD_S)
+            self._changed.clear()
+            if not self._stop.is_set():
+                self._bus.publish("status", self.status())
+                self._stop.wait(0.05)  # a camera that flaps must not flood the page
+
+
+def program_version() -> str:
+    """The version that is installed."""
+    try:
+        return version("borescout")
+    except PackageNotFoundError:
+        return "0 (not installed)"
+
+
+def _camera_json(feed: CameraFeed) -> dict[str, Any]:
+    status = asdict(feed.status())
+    age_s = status["age_s"]
+    rounded = {"age_s": None if age_s is None else round(age_s, 2), "fps": round(status["fps"], 1)}
+    return {"name": feed.name, "kind": feed.kind, **status, **rounded}
+
+
+def _lock(folder: Path) -> IO[str]:
+    """Hold the data folder for this process. Raises StoreUnusable."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = (folder / "borescout.lock").open("a+", encoding="ascii")
+    except OSError as error:
+        raise StoreUnusable(f"The data folder {folder} cannot be used: {error.strerror}.") from None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.seek(0)
+        owner = file.read().strip() or "unknown"
+        file.close()
+        raise StoreUnusable(
+            f"Another borescout (process {owner}) is using {folder}: stop it or choose another --data-dir."
+        ) from None
+    file.truncate(0)
+    file.write(str(os.getpid()))
+    file.flush()
+    return file

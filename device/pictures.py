@@ -1,0 +1,69 @@
+"""Pictures for the page: depth in colours and the camera's own colour, as JPEG, each frame encoded once however many look."""
+
+from __future__ import annotations
+
+import threading
+from functools import lru_cache
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.depth.base import DepthFrame
+
+PictureKind = Literal["depth", "color"]
+
+_WIDTH = 640
+_QUALITY = 80
+_NEAR_M, _FAR_M = 0.12, 2.5
+
+
+class PictureCache:
+    """The last JPEG of every camera and kind."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._encoded: dict[tuple[str, PictureKind], tuple[int, bytes]] = {}
+
+    def jpeg(self, camera: str, kind: PictureKind, frame: DepthFrame) -> bytes | None:
+        """The picture of ``frame``, at most 640 pixels wide; None where the camera has no colour."""
+        key = (camera, kind)
+        with self._lock:  # held while encoding: the second viewer of a frame waits for the first one's picture
+            known = self._encoded.get(key)
+            if known is not None and known[0] == frame.monotonic_ns:
+                return known[1]
+            picture = depth_in_colors(frame) if kind == "depth" else frame.color
+            if picture is None:
+                return None
+            data = _encode(picture)
+            self._encoded[key] = (frame.monotonic_ns, data)
+            return data
+
+
+def depth_in_colors(frame: DepthFrame) -> NDArray[np.uint8]:
+    """(h, w, 3) BGR: near is red, far is blue, nothing measured is black. The steps grow with z, as the camera's errors do."""
+    shrink = max(1, round(frame.intrinsics.width / _WIDTH))
+    depth = frame.depth[::shrink, ::shrink]  # never blended: a mean over an edge would be a wall that is not there
+    return _palette(frame.depth_unit_m)[depth]
+
+
+@lru_cache(maxsize=4)
+def _palette(depth_unit_m: float) -> NDArray[np.uint8]:
+    """The colour (65536, 3) of every depth value."""
+    z = np.maximum(np.arange(65536) * depth_unit_m, _NEAR_M)
+    closeness = np.clip((1 / z - 1 / _FAR_M) / (1 / _NEAR_M - 1 / _FAR_M), 0, 1) ** 0.6
+    grey = np.round(20 + 235 * closeness).astype(np.uint8)
+    colors = np.asarray(cv2.applyColorMap(grey[:, None], cv2.COLORMAP_TURBO)[:, 0], dtype=np.uint8)
+    colors[0] = 0
+    return colors
+
+
+def _encode(picture: NDArray[np.uint8]) -> bytes:
+    height, width = picture.shape[:2]
+    if width > _WIDTH:
+        picture = np.asarray(
+            cv2.resize(picture, (_WIDTH, round(height * _WIDTH / width)), interpolation=cv2.INTER_AREA), dtype=np.uint8
+        )
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return data.tobytes()

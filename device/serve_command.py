@@ -1,0 +1,73 @@
+"""``borescout serve``: the daemon with its page."""
+
+from __future__ import annotations
+
+import logging
+import signal
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import click
+
+from device.cli import camera_options, chosen_cameras
+from device.config import load_settings
+from device.daemon import Device
+from device.errors import Invalid
+
+log = logging.getLogger(__name__)
+
+
+@click.command()
+@camera_options
+@click.option("--host", help="Address to listen on; 0.0.0.0 for every network the box is in.")
+@click.option("--port", type=int, help="Port to listen on.")
+def serve(
+    virtual: bool,
+    tof: bool,
+    replay: Path | None,
+    cameras: tuple[str, ...],
+    data_dir: Path | None,
+    config: Path | None,
+    host: str | None,
+    port: int | None,
+) -> None:
+    """Run the box: read the cameras, serve the page."""
+    chosen = chosen_cameras(virtual, replay, cameras, tof)
+    settings = load_settings(config, data_dir=data_dir, host=host, port=port, **chosen)
+    device = Device(settings)
+    try:
+        server = _bind(device, settings.host, settings.port)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda number, frame: _stop(device, number, frame))
+        device.start()
+        click.echo(f"borescout is at http://{_shown_host(settings.host)}:{server.effective_port}")
+        server.run()
+    finally:
+        device.close()
+        log.info("stopped")
+
+
+def _bind(device: Device, host: str, port: int) -> Any:
+    from web_ui.app import create_app  # the page knows the device; only this command knows them both
+    from web_ui.server import make_server
+
+    try:
+        return make_server(create_app(device), host, port)
+    except PermissionError:
+        raise Invalid(f"Port {port} needs more rights than this user has: choose another --port.") from None
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise Invalid(f"The page cannot be served at {host}:{port}, {reason}: choose another --host or --port.") from None
+
+
+def _shown_host(host: str) -> str:
+    """What to type into a browser on this computer."""
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(host, host)
+    return f"[{shown}]" if ":" in shown else shown
+
+
+def _stop(device: Device, number: int, frame: FrameType | None) -> None:
+    """End the event streams first: the server waits for the threads that serve them."""
+    device.end_streams()
+    raise SystemExit(0)
