@@ -1,1 +1,1 @@
-"""What the operator sees. Asks ``device`` through one facade and holds no logic of its own."""
+"""What the operator sees: pages, JSON API and live events in front of one `device.daemon.Device`."""

@@ -1,0 +1,39 @@
+"""The Flask application in front of one device."""
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
+from flask import Flask
+from flask.json.provider import DefaultJSONProvider
+
+from device.json_text import dumps
+from web_ui import api, events, faults, guards, pages
+
+if TYPE_CHECKING:
+    from device.daemon import Device
+
+
+class _PlainJson(DefaultJSONProvider):
+    """Answers in the device's own JSON: no NaN or infinity, which browsers refuse to read."""
+
+    def dumps(self, obj: Any, **kwargs: Any) -> str:
+        return dumps(obj)
+
+
+def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_cap: int = events.STREAM_CAP) -> Flask:
+    """The pages and the API of `device`.
+
+    `allowed_hosts` are names, besides addresses and local ones, by which the box may be called; `stream_cap` bounds the live
+    streams open at a time. The caller keeps the device and closes it.
+    """
+    app = Flask(__name__)
+    app.json = _PlainJson(app)
+    app.config["MAX_CONTENT_LENGTH"] = guards.MAX_BODY_BYTES
+    app.jinja_env.trim_blocks = True
+    app.jinja_env.lstrip_blocks = True
+    faults.install(app)
+    guards.install(app, allowed_hosts)
+    app.register_blueprint(api.blueprint(device))
+    app.register_blueprint(events.blueprint(device, stream_cap))
+    app.register_blueprint(pages.blueprint(device))
+    return app

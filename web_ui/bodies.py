@@ -1,0 +1,160 @@
+"""What comes in over HTTP, checked before the device sees it."""
+
+from typing import Annotated, Literal, TypeVar, get_args
+
+from flask import request
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+MAX_ID = 2**53 - 1  # the largest whole number JavaScript and SQLite both hold exactly
+
+Material = Literal["PVC", "concrete", "clay", "PE", "PP", "GRP", "ductile iron", "unknown"]
+Shape = Literal["circular", "egg", "oval", "other"]
+MATERIALS: tuple[str, ...] = get_args(Material)
+SHAPES: tuple[str, ...] = get_args(Shape)
+Position = Literal["entrance", "top", "middle"]
+Verdict = Literal["accept", "retry"]
+Id = Annotated[int, Field(ge=1, le=MAX_ID)]
+
+
+def _one_line(text: str) -> str:
+    text = text.strip()
+    if not text.isprintable():
+        raise ValueError("must be one line without control characters")
+    return text
+
+
+def _name(text: str) -> str:
+    text = _one_line(text)
+    if not text:
+        raise ValueError("must not be empty")
+    return text
+
+
+def _note(text: str) -> str:
+    text = text.replace("\r\n", "\n").strip()
+    if not all(character.isprintable() or character in "\n\t" for character in text):
+        raise ValueError("must not hold control characters")
+    return text
+
+
+Name = Annotated[str, Field(max_length=80), AfterValidator(_name)]
+Line = Annotated[str, Field(max_length=80), AfterValidator(_one_line)]
+Note = Annotated[str, Field(max_length=2000), AfterValidator(_note)]
+ReferenceDn = Annotated[int, Field(ge=50, le=4000, description="nominal diameter on the map, mm")]
+
+
+class Body(BaseModel):
+    """A JSON object: exact types, no unknown fields."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class NodeBody(Body):
+    """A manhole or other node."""
+
+    name: Name
+
+
+class PipeBody(Body):
+    """A new pipe between two nodes."""
+
+    name: Name
+    start_node: Id | None = None
+    end_node: Id | None = None
+    material: Material = "unknown"
+    shape: Shape = "circular"
+    reference_dn: ReferenceDn | None = None
+    note: Note = ""
+
+
+class PipeChange(Body):
+    """The fields of a pipe to change; absent ones stay."""
+
+    name: Name = Field(default="")
+    start_node: Id | None = None
+    end_node: Id | None = None
+    material: Material = "unknown"
+    shape: Shape = "circular"
+    reference_dn: ReferenceDn | None = None
+    note: Note = ""
+
+
+class MeasureBody(Body):
+    """Start a measurement; `survey_id` makes it the second position of that survey."""
+
+    pipe_id: Id | None = None
+    position: Position | None = None
+    frames: Annotated[int, Field(ge=1, le=500)] | None = None
+    survey_id: Id | None = None
+
+
+class AnswerBody(Body):
+    """What the operator says about a survey: the three visual questions and the verdict."""
+
+    image_good: bool | None = None
+    cloud_is_pipe: bool | None = None
+    fit_aligned: bool | None = None
+    verdict: Verdict | None = None
+    by: Line = ""
+    note: Note = ""
+
+
+class ClockBody(Body):
+    """The browser's time, milliseconds since 1970 (UTC), between 2020 and 2100."""
+
+    epoch_ms: Annotated[int, Field(ge=1_577_836_800_000, lt=4_102_444_800_000)]
+
+
+class Empty(Body):
+    """No fields."""
+
+
+class SurveyQuery(BaseModel):
+    """Filter and page of the history; query strings are text, so numbers are converted."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    pipe_id: Id | None = None
+    limit: Annotated[int, Field(ge=1, le=200)] = 50
+    before: Id | None = None
+
+
+class CloudQuery(BaseModel):
+    """The survey whose cloud is wanted; without one, the live cloud."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    survey_id: Id | None = None
+
+
+class MeasureQuery(BaseModel):
+    """The measuring page opened for one pipe, or for the second position of a survey."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    pipe: Id | None = None
+    second: Id | None = None
+
+
+class DeletedQuery(BaseModel):
+    """The history opened just after a deletion, which it offers to undo."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    deleted: Id | None = None
+
+
+B = TypeVar("B", bound=BaseModel)
+
+
+def read(model: type[B]) -> B:
+    """The request's body as `model`; an empty body is an empty object.
+
+    Raises pydantic.ValidationError, answered with status 422 and one sentence.
+    """
+    return model.model_validate_json(request.get_data(cache=False) or b"{}")
+
+
+def read_query(model: type[B]) -> B:
+    """The query string as `model`; empty parameters (an unset filter in a form) count as absent."""
+    return model.model_validate({key: value for key, value in request.args.items() if value})

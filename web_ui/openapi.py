@@ -1,0 +1,169 @@
+"""The OpenAPI document of /api/v1: bodies from the pydantic models, the rest stated here (a test walks the URL map)."""
+
+from functools import cache
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
+
+from web_ui import bodies
+
+_OBJECT: dict[str, Any] = {"type": "object"}
+_REF = "#/components/schemas/"
+
+
+def _answer(description: str, schema: dict[str, Any] | None = None, mimetype: str = "application/json") -> dict[str, Any]:
+    if schema is None:
+        return {"description": description}
+    return {"description": description, "content": {mimetype: {"schema": schema}}}
+
+
+def _operation(
+    summary: str,
+    responses: dict[str, dict[str, Any]],
+    *,
+    body: type[BaseModel] | None = None,
+    query: dict[str, str] | None = None,
+    path: bool = False,
+    errors: tuple[int, ...] = (),
+) -> dict[str, Any]:
+    operation: dict[str, Any] = {"summary": summary, "responses": dict(responses)}
+    parameters: list[dict[str, Any]] = []
+    if path:
+        parameters.append({"name": "number", "in": "path", "required": True, "schema": {"type": "integer", "minimum": 1}})
+    for name, kind in (query or {}).items():
+        parameters.append({"name": name, "in": "query", "required": False, "schema": {"type": kind}})
+    if parameters:
+        operation["parameters"] = parameters
+    if body is not None:
+        schema = {"$ref": _REF + body.__name__}
+        operation["requestBody"] = {"required": True, "content": {"application/json": {"schema": schema}}}
+    for status in errors:
+        operation["responses"][str(status)] = {"$ref": "#/components/responses/Error"}
+    return operation
+
+
+def _list(description: str) -> dict[str, dict[str, Any]]:
+    return {"200": _answer(description, {"type": "array", "items": _OBJECT})}
+
+
+def _one(description: str, status: str = "200") -> dict[str, dict[str, Any]]:
+    return {status: _answer(description, _OBJECT)}
+
+
+_DONE = {"204": _answer("Done.")}
+_CHANGE = (400, 403, 413, 415, 422)
+_BODIES: tuple[type[BaseModel], ...] = (
+    bodies.NodeBody,
+    bodies.PipeBody,
+    bodies.PipeChange,
+    bodies.MeasureBody,
+    bodies.AnswerBody,
+    bodies.ClockBody,
+    bodies.Empty,
+)
+
+
+def _paths() -> dict[str, dict[str, Any]]:
+    jpeg = {
+        "200": _answer("The picture.", {"type": "string", "format": "binary"}, "image/jpeg"),
+        "204": _answer("No picture now."),
+    }
+    stream = {"200": _answer("Events status, live, measurement and prompt.", {"type": "string"}, "text/event-stream")}
+    return {
+        "/status": {"get": _operation("Cameras, survey, storage and clock", _one("The status."))},
+        "/live": {"get": _operation("The live estimate of the best camera, or null", _one("The estimate."))},
+        "/picture/{kind}.jpg": {
+            "get": {
+                **_operation("The newest picture", jpeg, query={"camera": "string"}),
+                "parameters": [
+                    {"name": "kind", "in": "path", "required": True, "schema": {"enum": ["depth", "color"]}},
+                    {"name": "camera", "in": "query", "required": False, "schema": {"type": "string"}},
+                ],
+            }
+        },
+        "/cloud": {
+            "get": _operation(
+                "At most 3000 points in metres with the cylinder",
+                _one("The cloud."),
+                query={"survey_id": "integer"},
+                errors=(404,),
+            )
+        },
+        "/events": {"get": _operation("Live events, one stream per tab", stream, query={"tab": "string"}, errors=(422, 503))},
+        "/nodes": {
+            "get": _operation("All nodes", _list("The nodes.")),
+            "post": _operation("Create a node", _one("The node.", "201"), body=bodies.NodeBody, errors=_CHANGE),
+        },
+        "/pipes": {
+            "get": _operation("All pipes", _list("The pipes.")),
+            "post": _operation("Create a pipe", _one("The pipe.", "201"), body=bodies.PipeBody, errors=(404, *_CHANGE)),
+        },
+        "/pipes/{number}": {
+            "patch": _operation("Change a pipe", _one("The pipe."), body=bodies.PipeChange, path=True, errors=(404, *_CHANGE)),
+            "delete": _operation("Delete a pipe", _DONE, body=bodies.Empty, path=True, errors=(404, 409, *_CHANGE)),
+        },
+        "/measure": {
+            "post": _operation(
+                "Start a measurement",
+                _one("The survey's id.", "202"),
+                body=bodies.MeasureBody,
+                errors=(404, 409, 507, *_CHANGE),
+            )
+        },
+        "/measure/cancel": {"post": _operation("Cancel the measurement", _DONE, body=bodies.Empty, errors=_CHANGE)},
+        "/surveys": {
+            "get": _operation(
+                "The newest surveys",
+                _list("Summaries."),
+                query={"pipe_id": "integer", "limit": "integer", "before": "integer"},
+                errors=(422,),
+            )
+        },
+        "/surveys/{number}": {
+            "get": _operation("One survey", _one("The survey."), path=True, errors=(404,)),
+            "delete": _operation(
+                "Delete a survey; it can be restored", _DONE, body=bodies.Empty, path=True, errors=(404, 409, *_CHANGE)
+            ),
+        },
+        "/surveys/{number}/answer": {
+            "post": _operation(
+                "The operator's answers and verdict",
+                _one("The survey."),
+                body=bodies.AnswerBody,
+                path=True,
+                errors=(404, *_CHANGE),
+            )
+        },
+        "/surveys/{number}/restore": {
+            "post": _operation("Undo a deletion", _DONE, body=bodies.Empty, path=True, errors=(404, *_CHANGE))
+        },
+        "/clock": {"post": _operation("The browser offers its time", _DONE, body=bodies.ClockBody, errors=_CHANGE)},
+        "/openapi.json": {"get": _operation("This document", {"200": _answer("OpenAPI 3.1.", _OBJECT)})},
+    }
+
+
+@cache
+def document() -> dict[str, Any]:
+    """The whole document, JSON-ready; nobody may change it."""
+    _, schemas = models_json_schema([(model, "validation") for model in _BODIES], ref_template=_REF + "{model}")
+    fields = {"code": {"type": "string"}, "message": {"type": "string", "description": "one sentence for the operator"}}
+    error = {
+        "type": "object",
+        "properties": {"error": {"type": "object", "properties": fields, "required": list(fields)}},
+        "required": ["error"],
+    }
+    return {
+        "openapi": "3.1.0",
+        "info": {
+            "title": "borescout",
+            "version": "1",
+            "description": "The box's own API, on its own network.",
+        },
+        "servers": [{"url": "/api/v1"}],
+        "paths": _paths(),
+        "components": {
+            "schemas": {**schemas["$defs"], "Error": error},
+            "responses": {"Error": _answer("Why not, in one sentence.", {"$ref": _REF + "Error"})},
+        },
+    }

@@ -1,0 +1,68 @@
+"""The pages: server-rendered, with modules that bring them to life."""
+
+from typing import TYPE_CHECKING
+
+from flask import Blueprint, render_template, send_from_directory
+from flask.typing import ResponseReturnValue
+
+from web_ui import bodies, wording
+
+if TYPE_CHECKING:
+    from device.daemon import Device
+
+_PAGE = 50
+
+
+def blueprint(device: "Device") -> Blueprint:
+    """The pages' routes, answering from `device`."""
+    pages = Blueprint("pages", __name__)
+    pages.add_app_template_filter(wording.millimetres, "mm")
+    pages.add_app_template_filter(wording.percent, "percent")
+    pages.add_app_template_filter(wording.when, "when")
+    pages.add_app_template_filter(wording.position, "position")
+    pages.add_app_template_filter(wording.reason, "reason")
+    pages.add_app_template_filter(wording.pipe_name, "pipe_name")
+
+    @pages.get("/")
+    def measure() -> str:
+        query = bodies.read_query(bodies.MeasureQuery)
+        second = device.survey(query.second) if query.second is not None else None
+        return render_template(
+            "measure.html",
+            pipes=device.pipes(),
+            nodes=device.nodes(),
+            chosen=query.pipe,
+            second=second,
+            materials=bodies.MATERIALS,
+            shapes=bodies.SHAPES,
+        )
+
+    @pages.get("/surveys")
+    def history() -> str:
+        query = bodies.read_query(bodies.SurveyQuery)
+        deleted = bodies.read_query(bodies.DeletedQuery).deleted
+        rows = device.surveys(query.pipe_id, _PAGE + 1, query.before)
+        older = rows[_PAGE - 1]["id"] if len(rows) > _PAGE else None
+        return render_template(
+            "history.html",
+            surveys=rows[:_PAGE],
+            pipes=device.pipes(),
+            chosen=query.pipe_id,
+            older=older,
+            newest=query.before is None,
+            deleted=deleted,
+        )
+
+    @pages.get(f"/surveys/<int(min=1, max={bodies.MAX_ID}):number>")
+    def result(number: int) -> str:
+        return render_template("result.html", survey=device.survey(number), questions=wording.QUESTIONS)
+
+    @pages.get("/favicon.ico")
+    def favicon() -> ResponseReturnValue:
+        return send_from_directory("static", "favicon.svg", mimetype="image/svg+xml", max_age=86400)
+
+    @pages.get("/robots.txt")
+    def robots() -> ResponseReturnValue:
+        return "User-agent: *\nDisallow: /\n", 200, {"Content-Type": "text/plain; charset=utf-8"}
+
+    return pages

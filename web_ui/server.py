@@ -1,0 +1,52 @@
+"""The web server, set for long-lived event streams on a small box."""
+
+import socket
+from typing import Any
+
+import waitress
+from flask import Flask
+
+from web_ui.events import STREAM_CAP
+
+_PICTURE_AND_API_THREADS = 6
+# Seconds after which a phone that vanished without a word no longer holds a stream; Linux only.
+_SILENT_PEER_S = 15
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family, kind, protocol, _, address = min(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))  # IPv4 before IPv6
+    listener = socket.socket(family, kind, protocol)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # Connections inherit these: unanswered data ends a connection, and idle ones are asked now and then.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        timeout = getattr(socket, "TCP_USER_TIMEOUT", None)
+        if timeout is not None:
+            listener.setsockopt(socket.IPPROTO_TCP, timeout, _SILENT_PEER_S * 1000)
+        listener.bind(address)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CAP) -> Any:
+    """A waitress server for `app`, bound to (host, port) once this returns; call `.run()`, and `.close()` to end it.
+
+    `.effective_port` is the port in use, where 0 was asked for. Raises OSError where the address cannot be bound. Each stream holds a
+    thread, so there are as many as streams and some more.
+    """
+    return waitress.create_server(
+        app,
+        sockets=[_listen(host, port)],
+        threads=stream_cap + _PICTURE_AND_API_THREADS,
+        ident="borescout",
+        # Needed for `waitress.client_disconnected`: without it the server does not look at the socket while a request runs.
+        channel_request_lookahead=1,
+        channel_timeout=60,
+        connection_limit=100,
+        max_request_body_size=1024 * 1024,
+        # A stalled stream may hold this much; the default of 16 MB for each of them is more than the box has to spare.
+        outbuf_high_watermark=256 * 1024,
+        clear_untrusted_proxy_headers=True,
+    )

@@ -1,0 +1,114 @@
+// The result page: drawings, the point cloud when asked for, the operator's answers, deletion.
+
+import { ask } from "./api.js";
+import { boxPlot } from "./box_plot.js";
+import { crossSection } from "./cross_section.js";
+import { announce, byId, data, html, localTimes, showFailure } from "./dom.js";
+import { startShell } from "./shell.js";
+
+const { id, result } = data("survey-data");
+const NAME_KEY = "borescout.operator";
+
+function draw(place, drawing, instead) {
+  place?.replaceChildren(drawing ?? html("p", {}, instead));
+}
+
+async function openCloud() {
+  const button = byId("cloud-show");
+  const place = byId("cloud");
+  button.disabled = true;
+  place.hidden = false;
+  place.replaceChildren(html("p", {}, "Loading the points …"));
+  try {
+    const { showCloud } = await import("./cloud.js");
+    await showCloud(place, id);
+    button.hidden = true;
+    place.querySelector("canvas")?.focus();
+  } catch (error) {
+    place.replaceChildren(html("p", { class: "failed" }, error.message));
+    button.disabled = false;
+  }
+}
+
+// The server words the verdict; after an answer its page is asked for again and the parts that can change are put in place.
+async function refresh() {
+  const response = await fetch(location.pathname, { cache: "no-store" });
+  const fresh = new DOMParser().parseFromString(await response.text(), "text/html");
+  for (const selector of ["#verdict", ".section-record"]) {
+    const part = fresh.querySelector(selector);
+    if (part) document.querySelector(selector).replaceWith(part);
+  }
+  localTimes();
+}
+
+const yesNo = { yes: true, no: false };
+
+async function answer(event) {
+  event.preventDefault();
+  const form = byId("answer-form");
+  const fields = new FormData(form);
+  const body = { verdict: fields.get("verdict"), by: fields.get("by").trim(), note: fields.get("note") };
+  for (const question of result.questions) body[question.code] = yesNo[fields.get(question.code)] ?? null;
+  if (body.verdict && !body.by) {
+    showFailure(byId("answer-error"), "Your name: a verdict needs one.");
+    byId("by").focus();
+    return;
+  }
+  try {
+    await ask(`/surveys/${id}/answer`, { method: "POST", body });
+    showFailure(byId("answer-error"), null);
+    remember(body.by);
+    await refresh();
+    byId("verdict").scrollIntoView({ block: "nearest" });
+    announce("Your answers are saved.");
+    toast("Your answers are saved.");
+  } catch (error) {
+    showFailure(byId("answer-error"), error.message);
+  }
+}
+
+function toast(text) {
+  const place = byId("toast");
+  place.textContent = text;
+  place.hidden = false;
+  setTimeout(() => (place.hidden = true), 4000);
+}
+
+function remember(name) {
+  try {
+    localStorage.setItem(NAME_KEY, name);
+  } catch {
+    // Private windows may refuse storage; the name is then typed again.
+  }
+}
+
+function recall() {
+  try {
+    return localStorage.getItem(NAME_KEY) ?? "";
+  } catch {
+    return "";
+  }
+}
+
+async function remove() {
+  byId("delete-confirm").disabled = true;
+  try {
+    await ask(`/surveys/${id}`, { method: "DELETE" });
+    location.assign(`/surveys?deleted=${id}`);
+  } catch (error) {
+    showFailure(byId("delete-error"), error.message);
+    byId("delete-confirm").disabled = false;
+  }
+}
+
+startShell();
+localTimes();
+byId("delete").addEventListener("click", () => byId("delete-dialog").showModal());
+byId("delete-confirm").addEventListener("click", remove);
+if (result) {
+  draw(byId("cross"), crossSection(result), "No cross-section.");
+  draw(byId("boxes"), boxPlot(result.frames, result.interval_mm), "No frame gave a diameter.");
+  byId("cloud-show").addEventListener("click", openCloud);
+  byId("answer-form").addEventListener("submit", answer);
+  if (!byId("by").value) byId("by").value = recall();
+}

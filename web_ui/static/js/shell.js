@@ -1,0 +1,30 @@
+// What every page does: health strip, the banner when the box is out of reach, the clock.
+
+import { offerClock } from "./clock.js";
+import { announce, byId } from "./dom.js";
+import { Feed } from "./events.js";
+import { showHealth } from "./health.js";
+
+export function startShell({ live = false } = {}) {
+  const feed = new Feed(live ? {} : { stream: false, pollMs: 2000 });
+  let status = null;
+  const show = () => showHealth(status, feed.link);
+  feed.on("status", (value) => {
+    status = value;
+    show();
+  });
+  feed.on("link", (link) => {
+    byId("link-lost").hidden = link !== "lost";
+    if (link === "up") announce("Connection to the box is back.");
+    show();
+  });
+  byId("health").addEventListener("toggle", show);
+  // A page kept in the browser's cache must not hold a stream.
+  window.addEventListener("pagehide", () => feed.stop());
+  window.addEventListener("pageshow", (event) => {
+    if (event.persisted) feed.start();
+  });
+  feed.start();
+  offerClock();
+  return feed;
+}

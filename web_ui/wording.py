@@ -1,0 +1,63 @@
+"""Numbers and codes as the operator reads them on a server-rendered page."""
+
+from typing import Any
+
+QUESTIONS = {
+    "image_good": "Is the picture sharp, clean and well lit?",
+    "cloud_is_pipe": "Does the point cloud look like a pipe?",
+    "fit_aligned": "Does the fitted cylinder lie on the points?",
+}
+_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_POSITIONS = {"entrance": "in front of the pipe", "top": "top of the pipe", "middle": "middle of the pipe"}
+_REASONS = {
+    "no_pipe": "no pipe in view",
+    "few_points": "too few points",
+    "aim": "aim",
+    "motion": "movement",
+    "unstable": "unstable radius",
+    "wide_interval": "interval too wide",
+    "water": "water or deposit",
+    "camera_lost": "camera lost",
+    "second_position": "second position needed",
+}
+
+
+def millimetres(value: float | None, digits: int = 0) -> str:
+    """A length in millimetres, or a dash where there is no number."""
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def percent(value: float | None) -> str:
+    """A share in percent; what is short of certain never reads as 100 %."""
+    if value is None:
+        return "–"
+    if 0.995 <= value < 1:
+        return ">\u00a099\u00a0%"
+    if 0 < value < 0.005:
+        return "<\u00a01\u00a0%"
+    return f"{100 * value:.0f}\u00a0%"
+
+
+def position(code: str | None) -> str:
+    """Where the box stood; an unknown code reads as itself."""
+    return "not stated" if code is None else _POSITIONS.get(code, code)
+
+
+def reason(code: str) -> str:
+    """A refusal's reason; an unknown code reads as itself."""
+    return _REASONS.get(code, code.replace("_", " "))
+
+
+def when(survey: dict[str, Any]) -> str:
+    """When a survey was made, in UTC (the page's module turns it into the browser's time zone), or that nobody knew."""
+    created = survey.get("created")
+    if not created:
+        return "time unknown"
+    date, _, time = str(created).partition("T")
+    year, month, day = date.split("-")
+    return f"{int(day)} {_MONTHS[int(month) - 1]} {year}, {time[:5]} UTC"
+
+
+def pipe_name(survey: dict[str, Any]) -> str:
+    """The pipe of a survey's summary."""
+    return survey.get("pipe") or "no pipe stated"
