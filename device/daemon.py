@@ -20,7 +20,7 @@ from device.clock import Clock
 from device.config import Settings
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
 from device.feed import CameraFeed
-from device.pictures import PictureCache
+from device.pictures import PICTURE_KINDS, PictureCache
 from device.store import Store
 from device.store.surveys import QUESTIONS
 from device.surveys.diameter import DiameterSurvey
@@ -126,7 +126,7 @@ class Device:
 
         ``kind`` is "depth" or "color". Raises NotFound, Invalid.
         """
-        if kind != "depth" and kind != "color":  # spelt out for the type checker
+        if kind not in PICTURE_KINDS:
             raise Invalid("There are pictures of depth and of color.")
         if camera is not None and all(feed.name != camera for feed in self._feeds):
             raise NotFound(f"There is no camera called {camera}.")

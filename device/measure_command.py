@@ -86,7 +86,7 @@ class _Table:
         shown = "-" if diameter is None else f"{diameter:.1f} mm"
         between = "-" if interval is None or None in interval else f"{interval[0]:.0f} to {interval[1]:.0f} mm"
         why = " ".join(result["reasons"]) or "-"
-        click.echo(f"{shown:>9}  {between:>17}  {dn['name'] if dn else '-':<8}{result['verdict']:<8} {why}  {name}")
+        click.echo(f"{shown:>9}  {between:>17}  {(dn and dn['name']) or '-':<8}{result['verdict']:<8} {why}  {name}")
 
     def progress(self, done: int, wanted: int) -> None:
         """A line on stderr that is written over, where somebody is looking."""
@@ -120,7 +120,8 @@ def _frames(folder: Path, table: _Table) -> int:
 def _recordings(source: Path, most_frames: int | None, table: _Table) -> int:
     """Every recording of a folder, or the one in a .db3 or .bag file, as one result each."""
     unread = total = 0
-    for name, entries in _by_recording(source):
+    recordings = _by_recording(source)
+    for count, (folder, name, entries) in enumerate(recordings):
         estimates: list[FrameEstimate] = []
         quality = None
         resamples = SINGLE_FRAME_RESAMPLES if entries is not None and len(entries) < MIN_FRAMES_FOR_SPREAD else 0
@@ -135,18 +136,19 @@ def _recordings(source: Path, most_frames: int | None, table: _Table) -> int:
             if quality is None and frame.color is not None:
                 quality = picture_quality(frame.color)
         result = diameter_result(estimates, PipeContext(), quality) if estimates else camera_lost(None, "replay")
-        table.add(name, {"recording": name, **result})
+        table.add(f"{folder} {name}".strip(), {"recording": name, "folder": folder, **result, "camera": "replay"})
+        table.progress(count + 1, len(recordings))
     return _count_unread(unread, total)
 
 
-def _by_recording(source: Path) -> list[tuple[str, list[ManifestEntry] | None]]:
-    """(name, entries) of every recording; entries None for a file. A name that two pipes share stands for two recordings."""
+def _by_recording(source: Path) -> list[tuple[str, str, list[ManifestEntry] | None]]:
+    """(folder, name, entries) of every recording; entries None for a file. A name in two folders stands for two recordings."""
     if source.suffix.lower() in PLAYBACK_SUFFIXES and source.is_file():
-        return [(source.name, None)]
+        return [("", source.name, None)]
     found: dict[tuple[str, str], list[ManifestEntry]] = {}
     for entry in manifest_entries(source):
         found.setdefault((entry.depth.rpartition("/")[0], entry.recording), []).append(entry)
-    return [(folder or recording, entries) for (folder, recording), entries in found.items()]
+    return [(folder, recording, entries) for (folder, recording), entries in found.items()]
 
 
 def _readable(source: Path, entries: list[ManifestEntry] | None, most_frames: int | None) -> Iterator[DepthFrame | None]:

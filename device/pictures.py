@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from functools import lru_cache
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.depth.base import DepthFrame
 
-PictureKind = Literal["depth", "color"]
+PICTURE_KINDS = ("depth", "color")
 
 _WIDTH = 640
 _QUALITY = 80
@@ -24,9 +23,9 @@ class PictureCache:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._encoded: dict[tuple[str, PictureKind], tuple[int, bytes]] = {}
+        self._encoded: dict[tuple[str, str], tuple[int, bytes]] = {}
 
-    def jpeg(self, camera: str, kind: PictureKind, frame: DepthFrame) -> bytes | None:
+    def jpeg(self, camera: str, kind: str, frame: DepthFrame) -> bytes | None:
         """The picture of ``frame``, at most 640 pixels wide; None where the camera has no colour."""
         key = (camera, kind)
         with self._lock:  # held while encoding: the second viewer of a frame waits for the first one's picture
