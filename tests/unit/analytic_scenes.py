@@ -1,4 +1,5 @@
-"""Depth pictures with a closed form, made without the virtual sewer: what an estimator must read off them can be derived by hand."""
+"""Depth pictures with a closed form, made without the virtual sewer: what an estimator must read off them can be derived by
+hand."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def cylinder(
     tilt: tuple[float, float] = (0.0, 0.0),
     end_wall: float = np.inf,
 ) -> NDArray[np.float64]:
-    """Depth (H, W) of the inside of a cylinder: |P(ray z - c)| = radius solved for z. ``tilt`` is the axis's (x, y) slope, ``offset`` its
+    """Depth (H, W) of the inside of a cylinder: |P(ray z - c)| = radius solved for z. ``tilt`` is the axis's (x, y) slope,
+    ``offset`` its
     place at z = 0; a wall across the view closes it at ``end_wall``."""
     grid = rays(intrinsics).astype(np.float64)
     axis = np.array([tilt[0], tilt[1], 1.0])

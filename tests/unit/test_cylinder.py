@@ -109,7 +109,7 @@ def test_radius_std_is_that_of_repeated_tries() -> None:
 
 def test_jacobian_against_differences() -> None:
     rng = np.random.default_rng(0)
-    points = rng.normal(0, 0.3, (50, 3)) + [0, 0, 1]
+    points = rng.normal((0, 0, 1), 0.3, (50, 3))
     axis = np.array([0.1, -0.2, 1.0]) / np.linalg.norm([0.1, -0.2, 1.0])
     point, radius = np.array([0.02, 0.03, 0.0]), 0.2
     residual, jacobian, basis, anchor = linearise(points, axis, point, radius)
