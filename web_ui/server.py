@@ -33,8 +33,8 @@ def _listen(host: str, port: int) -> socket.socket:
 def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CAP) -> Any:
     """A waitress server for `app`, bound to (host, port) once this returns; call `.run()`, and `.close()` to end it.
 
-    `.effective_port` is the port in use, where 0 was asked for. Raises OSError where the address cannot be bound. Each stream holds a
-    thread, so there are as many as streams and some more.
+    `.effective_port` is the port in use, where 0 was asked for. Raises OSError where the address cannot be bound. Each stream
+    holds a thread, so there are as many as streams and some more.
     """
     return waitress.create_server(
         app,
@@ -49,4 +49,5 @@ def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CA
         # A stalled stream may hold this much; the default of 16 MB for each of them is more than the box has to spare.
         outbuf_high_watermark=256 * 1024,
         clear_untrusted_proxy_headers=True,
+        asyncore_use_poll=True,
     )

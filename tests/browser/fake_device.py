@@ -11,6 +11,7 @@ import queue
 import threading
 import time
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import cv2
@@ -113,6 +114,7 @@ def result(outcome: str, position: str = "top") -> Json:
     }
 
 
+@cache
 def depth_jpeg(number: int) -> bytes:
     """A depth picture as the box would colour it: rings of a pipe, an end, some holes."""
     rng = np.random.default_rng(number)
@@ -124,6 +126,7 @@ def depth_jpeg(number: int) -> bytes:
     return cv2.imencode(".jpg", picture)[1].tobytes()
 
 
+@cache
 def color_jpeg(number: int) -> bytes:
     """A colour picture: a lit concrete bore."""
     rng = np.random.default_rng(number)
