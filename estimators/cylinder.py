@@ -263,7 +263,6 @@ class CylinderFit:
     area: float
     inside: float
     taper: float
-    taper: float
 
     @property
     def cylinder(self) -> Cylinder:

@@ -135,7 +135,7 @@ def _chord(
         height = (across[inside] @ down)[facing]
         middle = float(np.median(height))
         level = np.abs(height - middle) < 0.04 * radius
-        if best is None or np.count_nonzero(level) > best[0]:
+        if np.count_nonzero(level) > (0 if best is None else best[0]):
             best = int(np.count_nonzero(level)), float(angle), float(np.median(height[level]))
     if best is None:
         return None

@@ -138,7 +138,7 @@ def _interval(radius: float, radius_std: float, fit_stds: Sequence[float], error
     between = radius_std**2 / count if count >= MIN_FRAMES_FOR_SPREAD else radius_std**2
     common = (errors.fit_factor * _median(fit_stds)) ** 2 + (errors.scale_std * radius) ** 2 + errors.floor**2
     half = 1.96 * 2 * float(np.sqrt(between + common))
-    return 2 * radius - half, 2 * radius + half
+    return max(2 * radius - half, 0.0), 2 * radius + half
 
 
 def _sway(axes: NDArray[np.float64], points: NDArray[np.float64]) -> float:
