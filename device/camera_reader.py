@@ -97,6 +97,7 @@ class CameraReader:
         self._number: int | None = None
         self._fingerprint: int | None = None
         self._repeats = self._empties = 0
+        self._missing = False
         self.thread = threading.Thread(target=self._run, name=f"reader of {name}", daemon=True)
 
     def stuck(self) -> bool:
@@ -106,7 +107,7 @@ class CameraReader:
 
     def _run(self) -> None:
         openings = 0  # in a row, without enough good frames
-        while self._sink.wanted(self):
+        while self._sink.wanted(self) and not self.finished:
             try:
                 self._climb(openings)
                 self._open()
@@ -118,26 +119,25 @@ class CameraReader:
             except EndOfRecording as end:
                 self.finished = True
                 self._sink.become(self, "lost", _sentence(end) or "The recording has been played to its end.")
-                break
             except EmptyPictures as fault:
                 self._sink.become(self, "degraded", str(fault))
             except DriverError as fault:
-                beyond_help = isinstance(fault, SensorMissing) or openings >= self._timing.openings_before_reset
+                self._missing = isinstance(fault, SensorMissing)
+                beyond_help = self._missing or openings >= self._timing.openings_before_reset
                 self._sink.become(self, "lost" if beyond_help else "degraded", _sentence(fault) or _LOST_SENTENCE)
             except Exception:  # a driver's own bug or its native code: it costs a reopening, never the daemon
                 log.exception("%s: its driver failed in an unexpected way", self.name)
                 self._sink.become(self, "lost", _LOST_SENTENCE)
             self._close()
-            if self._sink.wanted(self):
+            if self._sink.wanted(self) and not self.finished:
                 self._stop.wait(self._timing.back_off_s[min(openings, len(self._timing.back_off_s) - 1)])
             openings += 1
-        self._close()
 
     def _climb(self, openings: int) -> None:
         """The second rung: every other opening beyond the first few begins with a reset of the hardware."""
         beyond = openings - self._timing.openings_before_reset
-        if self._camera is not None and beyond >= 0 and beyond % 2 == 0:
-            log.warning("%s: resetting the hardware", self.name)
+        if self._camera is not None and not self._missing and beyond >= 0 and beyond % 2 == 0:
+            log.log(logging.DEBUG if beyond else logging.WARNING, "%s: resetting the hardware", self.name)
             self._timed("reset", self._timing.open_limit_s, self._camera.reset)
 
     def _open(self) -> None:

@@ -87,8 +87,12 @@ class WorkerPool:
             self._closed = True
         for _ in self._threads:
             self._jobs.put(None)
-        for process in list(self._processes.values()):
+        processes = list(self._processes.values())
+        for process in processes:
             process.terminate()
+        for process in processes:
+            process.join(wait_s)
+            process.kill()
         for thread in self._threads:
             thread.join(wait_s)
         with contextlib.suppress(queue.Empty):
