@@ -23,8 +23,8 @@ from estimators.pinhole import DISTORTION_MODELS, Intrinsics
 
 log = logging.getLogger(__name__)
 
-START_SECONDS = 20.0
-"""An OAK camera boots its firmware on opening, some 5 s over USB 2; librealsense itself waits 5 s for a device."""
+START_SECONDS = 30.0
+"""An OAK camera boots its firmware at every start, some 5 s over USB 2; librealsense itself waits 5 s for a device."""
 STOP_SECONDS = 5.0
 PLAYBACK_SLICE_S = 0.1
 """How often the end of a recording is looked for: librealsense announces it by silence."""
@@ -106,6 +106,8 @@ class LibrealsenseCamera(DepthCamera):
                 if self._recording is None and _says_gone(error):
                     raise SensorMissing("The depth camera is not there: plug it in, or try another cable.") from error
                 first_error = first_error or error
+                if self._recording is None and not request.color and "resolve" not in str(error):
+                    break  # no lesser request helps a camera that is busy or broken
                 continue
             return self._session_of(pipeline, profile, request)
         raise self._not_started(first_error) from first_error

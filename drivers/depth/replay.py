@@ -2,8 +2,8 @@
 
 The manifest is a JSON list with one object for each depth picture. Four fields are read and no other: ``depth`` (path of a
 16-bit grey PNG under the folder), ``recording`` (its name), ``depth_unit_m`` (metres a unit) and ``intrinsics`` (width, height,
-fx, fy, ppx, ppy in pixels, model, coeffs). A colour picture lies beside its depth picture under the same name with ``color`` for
-``depth``.
+fx, fy, ppx, ppy in pixels, model, coeffs). A colour picture lies beside its depth picture under the same name with ``color``
+for ``depth``.
 """
 
 from __future__ import annotations

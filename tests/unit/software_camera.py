@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pyrealsense2 as rs
-from depth_camera_contract import LiveRig
 
 from drivers.depth.base import DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera
 from estimators.pinhole import Intrinsics
+from tests.unit.depth_camera_contract import LiveRig
 
 WIDTH, HEIGHT = 848, 480
 LENS = Intrinsics(WIDTH, HEIGHT, 421.5, 422.25, 424.5, 238.75, "brown_conrady", (0.1, -0.05, 0.001, 0.002, 0.01))

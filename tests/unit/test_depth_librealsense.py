@@ -14,13 +14,13 @@ import pytest
 pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
 
 import pyrealsense2 as rs
-from depth_camera_contract import READ_S, LiveCameraContract
-from software_camera import SERIAL, SoftwareModule, SoftwareRig
 
 from drivers.base import BadFrame, FrameTimeout, SensorLost, SensorMissing
 from drivers.depth import librealsense
 from drivers.depth.base import DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera, intrinsics_of
+from tests.unit.depth_camera_contract import READ_S, LiveCameraContract
+from tests.unit.software_camera import SERIAL, SoftwareModule, SoftwareRig
 
 
 @pytest.fixture

@@ -13,16 +13,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from depth_camera_contract import READ_S, RecordingContract, Rig
 
 from drivers.base import EndOfRecording, FrameTimeout, RecordingBroken, SensorLost
 from drivers.depth.base import DepthCamera
 from drivers.depth.replay import ReplayCamera, manifest_entries, manifest_recordings, read_entry
 from estimators.pinhole import Intrinsics
+from tests.unit.depth_camera_contract import READ_S, RecordingContract, Rig
 
 LENS = Intrinsics(64, 48, 60.0, 61.0, 31.5, 23.5, "brown_conrady", (0.1, -0.05, 0.001, 0.002, 0.01))
 BAG = Path(__file__).parent.parent / "data" / "software_device.bag"
-"""Four frames of a software device, written by pyrealsense2 2.55, the last to write .bag: frame n is n millimetres everywhere."""
+"""Four frames of a software device, written by pyrealsense2 2.55 (later ones write .db3 alone): frame n is n mm everywhere."""
 
 
 def entry(depth: str = "a/depth_emitter_on.png", **changes: Any) -> dict[str, Any]:
@@ -82,7 +82,7 @@ class TestFolder(RecordingContract):
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A .db3 of five frames, written here by pyrealsense2 from its software device."""
     pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
-    from software_camera import record
+    from tests.unit.software_camera import record
 
     path = tmp_path_factory.mktemp("db3") / "run.db3"
     record(path, 5, LENS)
@@ -130,7 +130,7 @@ class TestOldBag(RecordingContract):
 @pytest.mark.parametrize("pixels", ["bgr8", "rgb8"])
 def test_colour_of_a_recording_is_blue_first_however_it_was_recorded(tmp_path: Path, pixels: str) -> None:
     rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
-    from software_camera import record
+    from tests.unit.software_camera import record
 
     path = tmp_path / "run.db3"
     record(path, 6, LENS, getattr(rs.format, pixels))

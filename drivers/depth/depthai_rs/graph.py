@@ -1,0 +1,192 @@
+"""From the streams that are asked for to a DepthAI pipeline: first a plan, then the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.depth.depthai_rs.configs import StreamRequest
+from drivers.depth.depthai_rs.names import format, stream
+
+DEFAULT_SIZE = (640, 480)
+DEFAULT_FPS = 30
+TOF_SIZE = (640, 480)
+"""Of the 33D sensor, whatever its raw picture is."""
+UNRESOLVED = "Couldn't resolve requests"
+
+
+@dataclass(frozen=True)
+class PlannedStream:
+    """One stream that will run. ``socket`` is the camera whose view it shows."""
+
+    kind: stream
+    index: int
+    socket: Any
+    size: tuple[int, int]
+    pixels: format
+    fps: int
+    rectified: bool
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All streams of one start. ``tof`` is the socket of a time-of-flight sensor, ``left`` and ``right`` the stereo pair."""
+
+    streams: tuple[PlannedStream, ...]
+    tof: Any | None
+    left: Any | None
+    right: Any | None
+
+    @property
+    def stereo_depth(self) -> bool:
+        return self.tof is None and any(planned.kind is stream.depth for planned in self.streams)
+
+
+def plan_streams(dai: Any, features: Iterable[Any], pairs: Iterable[Any], requests: Iterable[StreamRequest]) -> Plan:
+    """Where each stream comes from.
+
+    ``features`` are the device's dai.CameraFeatures, ``pairs`` its dai.StereoPairs. Raises RuntimeError, in
+    pyrealsense2's words, for what this device cannot do.
+    """
+    sockets = {feature.socket: feature for feature in features}
+    tof = next((socket for socket, found in sockets.items() if dai.CameraSensorType.TOF in found.supportedTypes), None)
+    pair = next((pair for pair in pairs if not pair.isVertical), None)
+    left, right = (pair.left, pair.right) if pair is not None else (None, None)
+    planned = []
+    for request in requests:
+        size = (request.width or DEFAULT_SIZE[0], request.height or DEFAULT_SIZE[1])
+        fps = request.fps or DEFAULT_FPS
+        if request.kind is stream.depth:
+            _refuse_unless(request.pixels in (format.any, format.z16))
+            if tof is not None:
+                _refuse_unless(size == TOF_SIZE)
+            else:
+                # the matcher takes widths in steps of 16 pixels and never more than the sensor has
+                _refuse_unless(right is not None and size[0] % 16 == 0)
+                _refuse_larger(sockets, right, size)
+            planned.append(PlannedStream(stream.depth, 0, tof if tof is not None else right, size, format.z16, fps, True))
+        elif request.kind is stream.infrared:
+            _refuse_unless(request.pixels in (format.any, format.y8) and left is not None)
+            index = request.index or 1
+            _refuse_unless(index in (1, 2))
+            socket = left if index == 1 else right
+            _refuse_larger(sockets, socket, size)
+            planned.append(PlannedStream(stream.infrared, index, socket, size, format.y8, fps, False))
+        else:
+            _refuse_unless(request.pixels in (format.any, format.bgr8, format.rgb8))
+            socket = _color_socket(dai, sockets)
+            _refuse_larger(sockets, socket, size)
+            pixels = format.bgr8 if request.pixels is format.any else request.pixels
+            planned.append(PlannedStream(stream.color, 0, socket, size, pixels, fps, False))
+    _refuse_unless(bool(planned))
+    plan = Plan(tuple(planned), tof, left, right)
+    return _with_rectified_infrared(plan) if plan.stereo_depth else plan
+
+
+def _with_rectified_infrared(plan: Plan) -> Plan:
+    """Beside stereo depth, infrared is what the matcher saw: rectified, and so of one size and rate with the depth."""
+    depth = next(planned for planned in plan.streams if planned.kind is stream.depth)
+    streams = []
+    for planned in plan.streams:
+        if planned.kind is stream.infrared:
+            _refuse_unless(planned.size == depth.size and planned.fps == depth.fps)
+            planned = PlannedStream(planned.kind, planned.index, planned.socket, depth.size, planned.pixels, depth.fps, True)
+        streams.append(planned)
+    return Plan(tuple(streams), plan.tof, plan.left, plan.right)
+
+
+def _color_socket(dai: Any, sockets: dict[Any, Any]) -> Any:
+    colored = [socket for socket, found in sockets.items() if dai.CameraSensorType.COLOR in found.supportedTypes]
+    _refuse_unless(bool(colored))
+    return dai.CameraBoardSocket.CAM_A if dai.CameraBoardSocket.CAM_A in colored else colored[0]
+
+
+def _refuse_larger(sockets: dict[Any, Any], socket: Any, size: tuple[int, int]) -> None:
+    _refuse_unless(socket in sockets and size[0] <= sockets[socket].width and size[1] <= sockets[socket].height)
+
+
+def _refuse_unless(possible: bool) -> None:
+    if not possible:
+        raise RuntimeError(UNRESOLVED)
+
+
+@dataclass(frozen=True)
+class Graph:
+    """The nodes of a plan, with the queue of each stream and the control queues of the cameras the depth is made from."""
+
+    queues: dict[tuple[stream, int], Any]
+    controls: tuple[Any, ...]
+
+
+def build_graph(dai: Any, pipeline: Any, plan: Plan) -> Graph:
+    """The nodes of ``plan`` in a dai.Pipeline that has a device and is not started yet."""
+    cameras: dict[Any, Any] = {}
+    queues: dict[tuple[stream, int], Any] = {}
+
+    def camera(socket: Any) -> Any:
+        if socket not in cameras:
+            cameras[socket] = pipeline.create(dai.node.Camera).build(socket)
+        return cameras[socket]
+
+    def picture(planned: PlannedStream, socket: Any) -> Any:
+        gray = planned.kind is not stream.color
+        kind = dai.ImgFrame.Type.GRAY8 if gray else dai.ImgFrame.Type.NV12
+        return camera(socket).requestOutput(planned.size, type=kind, resizeMode=dai.ImgResizeMode.CROP, fps=float(planned.fps))
+
+    stereo = None
+    controls: list[Any] = []
+    for planned in plan.streams:
+        if planned.kind is not stream.depth:
+            continue
+        if plan.tof is not None:
+            depth = _tof(dai, pipeline, plan.tof, planned.fps).depth
+        else:
+            stereo = _stereo(dai, pipeline)
+            for socket, taken in ((plan.left, stereo.left), (plan.right, stereo.right)):
+                picture(planned, socket).link(taken)
+                controls.append(camera(socket).inputControl.createInputQueue())
+            depth = stereo.depth
+        queues[stream.depth, 0] = _queue(depth)
+    for planned in plan.streams:
+        if planned.kind is stream.color:
+            queues[stream.color, 0] = _queue(picture(planned, planned.socket))
+        elif planned.kind is stream.infrared:
+            if stereo is None:
+                queues[stream.infrared, planned.index] = _queue(picture(planned, planned.socket))
+            else:
+                queues[stream.infrared, planned.index] = _queue(
+                    stereo.rectifiedLeft if planned.index == 1 else stereo.rectifiedRight
+                )
+    return Graph(queues, tuple(controls))
+
+
+def _queue(output: Any) -> Any:
+    """Newest wins: a slow reader gets the latest pictures, and its gap shows in the frame numbers."""
+    return output.createOutputQueue(maxSize=2, blocking=False)
+
+
+def _stereo(dai: Any, pipeline: Any) -> Any:
+    """Matching for pipes: near walls, nothing smoothed, millimetres, in the view of the rectified right camera."""
+    stereo = pipeline.create(dai.node.StereoDepth)
+    stereo.setRectification(True)
+    # rectified through the lens model and not by a homography alone, or the depth would keep the lens's distortion
+    stereo.enableDistortionCorrection(True)
+    stereo.setDepthAlign(dai.StereoDepthConfig.AlgorithmControl.DepthAlign.RECTIFIED_RIGHT)
+    stereo.setLeftRightCheck(True)
+    stereo.setExtendedDisparity(True)
+    stereo.setSubpixel(True)
+    stereo.initialConfig.setMedianFilter(dai.MedianFilter.MEDIAN_OFF)
+    stereo.initialConfig.setDepthUnit(dai.DepthUnit.MILLIMETER)
+    return stereo
+
+
+def _tof(dai: Any, pipeline: Any, socket: Any, fps: int) -> Any:
+    """Time of flight at short range, rectified on the device: on RVC2 by its ToFConfig, on RVC4 by the node's own switch."""
+    tof = pipeline.create(dai.node.ToF)
+    tof.build(socket, dai.ImageFiltersPresetMode.TOF_LOW_RANGE, float(fps))
+    settings = tof.getInitialConfig()
+    settings.enableDistortionCorrection = True
+    tof.setInitialConfig(settings)
+    tof.setOutputUndistortion(True)
+    return tof
