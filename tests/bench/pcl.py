@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,12 +24,14 @@ _PACKAGES = ("pcl_segmentation", "pcl_features", "pcl_search", "pcl_sample_conse
 
 @dataclass(frozen=True)
 class PclSearch:
-    """One search: ``d_max`` m, seconds of the search alone, iterations the library counted, radii in m (None: nothing found).
+    """One search: ``d_max`` m, PCL's normal weight, seconds of the search alone, iterations the library counted.
 
-    ``radius`` is the winner of the search, ``refined_radius`` the same after PCL's optimisation over the inliers.
+    Radii in m, None where nothing was found: ``radius`` is the winner of the search, ``refined_radius`` the same after PCL's
+    optimisation over the inliers.
     """
 
     d_max: float
+    normal_weight: float
     seconds: float
     iterations: int
     radius: float | None
@@ -38,12 +41,12 @@ class PclSearch:
 class PclCylinder:
     """A running PCL process; ``version`` is the library's. Ends the program with one sentence where it cannot be built."""
 
-    def __init__(self, normal_weight: float) -> None:
+    def __init__(self, normal_weights: Sequence[float]) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="borescout-pcl-")
         program = _build(Path(self._folder.name))
         self._points = Path(self._folder.name) / "cloud.f32"
         self._process = subprocess.Popen(
-            [program, str(normal_weight)],
+            [program, *map(str, normal_weights)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -52,14 +55,21 @@ class PclCylinder:
         self.version = str(self._answer()["pcl"])
 
     def search(self, cloud: NDArray[np.float32]) -> tuple[float, list[PclSearch]]:
-        """Seconds for the normals of ``cloud`` (N, 3), and one search for each d_max of the program."""
+        """Seconds for the normals of ``cloud`` (N, 3), and one search for each normal weight and d_max."""
         np.ascontiguousarray(cloud, dtype=np.float32).tofile(self._points)
         assert self._process.stdin is not None
         self._process.stdin.write(f"{self._points} {len(cloud)}\n")
         self._process.stdin.flush()
         answer = self._answer()
         searches = [
-            PclSearch(s["d_max"], s["search_ms"] / 1000, s["iterations"], s.get("radius"), s.get("refined_radius"))
+            PclSearch(
+                d_max=s["d_max"],
+                normal_weight=s["normal_weight"],
+                seconds=s["search_ms"] / 1000,
+                iterations=s["iterations"],
+                radius=s.get("radius"),
+                refined_radius=s.get("refined_radius"),
+            )
             for s in answer["searches"]
         ]
         return answer["normals_ms"] / 1000, searches

@@ -1,6 +1,7 @@
 // PCL's SACSegmentationFromNormals as the diameter paper sets it, behind a pipe: one request a line on standard input
 //   <file of float32 x y z triples> <number of points>
-// one JSON line back for each: milliseconds of the normals, and for each d_max those of the search with what it found.
+// one JSON line back for each: milliseconds of the normals, and for each normal weight (the arguments) and d_max those of the
+// search with what it found. The paper has no normal weight (0); 0.1 is PCL's default.
 // Early stopping is switched off by a probability of 1: RandomSampleConsensus stops after log(1 - p) / log(...) draws, which
 // is then infinite, so that all iterations run; `iterations` in the answer is the library's own count.
 
@@ -99,7 +100,7 @@ std::string search(const Cloud::Ptr& cloud, const Normals::Ptr& normals, double 
   const double ms = watch.milliseconds();
 
   std::ostringstream out;
-  out << "{\"d_max\":" << d_max << ",\"search_ms\":" << ms << ",\"iterations\":" << Count::of(*segmentation.getMethod());
+  out << "{\"d_max\":" << d_max << ",\"normal_weight\":" << weight << ",\"search_ms\":" << ms << ",\"iterations\":" << Count::of(*segmentation.getMethod());
   if (found.values.size() == 7 && inliers.indices.size() > 7) {
     out << ",\"inliers\":" << inliers.indices.size() << ",\"radius\":" << found.values[6];
     const double refined = refined_radius(cloud, normals, inliers, found, weight);
@@ -113,7 +114,8 @@ std::string search(const Cloud::Ptr& cloud, const Normals::Ptr& normals, double 
 
 int main(int argc, char** argv) {
   pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);
-  const double weight = argc > 1 ? std::stod(argv[1]) : 0.0;
+  std::vector<double> weights;
+  for (int i = 1; i < argc; ++i) weights.push_back(std::stod(argv[i]));
   std::cout << "{\"pcl\":\"" << PCL_VERSION_PRETTY << "\"}" << std::endl;
   std::string line;
   while (std::getline(std::cin, line)) {
@@ -131,7 +133,13 @@ int main(int argc, char** argv) {
     const double normals_ms = watch.milliseconds();
     std::ostringstream answer;
     answer << "{\"normals_ms\":" << normals_ms << ",\"searches\":[";
-    for (std::size_t i = 0; i < std::size(kDMax); ++i) answer << (i ? "," : "") << search(cloud, normals, kDMax[i], weight);
+    const char* comma = "";
+    for (const double weight : weights) {
+      for (const double d_max : kDMax) {
+        answer << comma << search(cloud, normals, d_max, weight);
+        comma = ",";
+      }
+    }
     std::cout << answer.str() << "]}" << std::endl;
   }
 }

@@ -1,0 +1,38 @@
+"""Every benchmark, one after the other: ``make bench``, or ``python -m tests.bench [--quick]``."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+
+BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("real_frames", (), ()),
+    ("proxies", (), ("--frames", "8")),
+    ("paper_sweep", (), ()),
+    ("cost", (), ()),
+    ("peers", (), ("--frames", "5")),
+)
+"""Name, arguments of the whole run, arguments of a quick one."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer frames: minutes instead of half an hour")
+    quick = parser.parse_args().quick
+    failed = []
+    for name, whole, short in BENCHMARKS:
+        command = [sys.executable, "-m", f"tests.bench.{name}", *(short if quick else whole)]
+        print(f"\n=== {' '.join(command[1:])}", flush=True)
+        started = time.perf_counter()
+        if subprocess.run(command).returncode != 0:
+            failed.append(name)
+        print(f"    ({time.perf_counter() - started:.0f} s)", flush=True)
+    if failed:
+        print(f"\nWithout figures: {', '.join(failed)}", file=sys.stderr)
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()
