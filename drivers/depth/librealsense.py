@@ -88,7 +88,7 @@ class LibrealsenseCamera(DepthCamera):
 
     def _start(self) -> _Session:
         rs = self._module
-        serial = None if self._recording is not None else self._find()
+        serial = None if self._recording is not None else self._find()[1]
         first_error: RuntimeError | None = None
         for request in self._requests():
             pipeline, config = rs.pipeline(), rs.config()
@@ -112,8 +112,8 @@ class LibrealsenseCamera(DepthCamera):
             return self._session_of(pipeline, profile, request)
         raise self._not_started(first_error) from first_error
 
-    def _find(self) -> str | None:
-        """Serial number of the camera to use, or None where the camera states none. Raises SensorMissing."""
+    def _find(self) -> tuple[Any, str | None]:
+        """The camera to use and its serial number, None where it states none. Raises SensorMissing."""
         rs = self._module
         try:
             if self._context is None:
@@ -127,7 +127,8 @@ class LibrealsenseCamera(DepthCamera):
         wanted = self._settings.serial
         if wanted is not None and wanted not in serials:
             raise SensorMissing(f"No depth camera with serial number {wanted} is plugged in.")
-        return wanted or serials[0]
+        index = 0 if wanted is None else serials.index(wanted)
+        return devices[index], serials[index]
 
     def _requests(self) -> Iterator[_Request]:
         """What to ask for, best first. Each later one asks less of the link, and its notice says what is missing."""
@@ -276,11 +277,16 @@ class LibrealsenseCamera(DepthCamera):
         """Reset the hardware where it can be reset. The camera is closed afterwards and away from the bus for some seconds."""
         session = self._session
         self.close()
-        if session is None or self._recording is not None:
+        if self._recording is not None:
             return
+
+        def reset() -> None:
+            device = self._find()[0] if session is None else session.device
+            device.hardware_reset()
+
         try:
-            call_within(STOP_SECONDS, session.device.hardware_reset, f"The {self.name} does not answer to a reset.")
-        except (RuntimeError, AttributeError, SensorLost) as error:
+            call_within(STOP_SECONDS, reset, f"The {self.name} does not answer to a reset.")
+        except (RuntimeError, DriverError) as error:
             log.warning("%s could not be reset: %s", self.name, error)
 
     def close(self) -> None:

@@ -155,7 +155,7 @@ class SoftwareModule:
         return self
 
     def query_devices(self) -> list[Any]:
-        return [self.source.device] if self.plugged else []
+        return [_Device(self.source.device, self)] if self.plugged else []
 
 
 class SoftwareRig(LiveRig):

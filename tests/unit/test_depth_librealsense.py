@@ -71,6 +71,10 @@ def test_a_reset_reaches_the_hardware(rig: SoftwareRig) -> None:
     rig.camera.open()
     rig.camera.reset()
     assert rig.module.resets == 1
+    rig.camera.reset()
+    assert rig.module.resets == 2, "the ladder closes a camera before it resets it"
+    rig.unplug()
+    rig.camera.reset()
 
 
 class _Narrow(SoftwareModule):

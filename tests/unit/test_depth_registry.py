@@ -69,5 +69,5 @@ def test_the_makers_packages_are_not_imported_before_they_are_asked_for() -> Non
     "wrong", [{"width": 0}, {"fps": 0}, {"exposure_us": 0}, {"laser_power": 1.5}, {"laser_power": float("nan")}]
 )
 def test_impossible_settings_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="camera|exposure|laser"):
+    with pytest.raises(ValueError, match=r"camera|exposure|laser"):
         DepthSettings(**wrong)
