@@ -29,7 +29,7 @@ RADIUS_MIN = 0.05
 RADIUS_MAX = 0.60
 D_MAX_STEP = 0.01
 D_MAX_SWEEP = tuple(round(D_MAX_STEP * k, 2) for k in range(1, 25))
-D_MAX_BEST = 0.09
+D_MAX_PAPER = 0.09
 """The value the paper settles on (section 5.2)."""
 
 _CHUNK = 256
