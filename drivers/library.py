@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from typing import Any
 
 from drivers.base import SensorMissing
@@ -12,6 +13,8 @@ EXTRAS = {"pyrealsense2": "realsense", "depthai": "oak"}
 
 def library(name: str) -> Any:
     """The package ``name``, a key of EXTRAS. Raises SensorMissing with the command that installs it."""
+    # DepthAI writes its log to standard output, where the command line prints its results
+    os.environ.setdefault("DEPTHAI_LEVEL", "error")
     try:
         return importlib.import_module(name)
     except ImportError as error:

@@ -260,7 +260,8 @@ class LibrealsenseCamera(DepthCamera):
             color: NDArray[np.uint8] | None = None
             if color_frame:
                 channels = np.asanyarray(color_frame.get_data())
-                color = np.array(channels[..., ::-1] if session.swap_color else channels, copy=True)
+                if channels.dtype == np.uint8 and channels.ndim == 3 and channels.shape[2] == 3:  # old recordings may hold YUYV
+                    color = np.array(channels[..., ::-1] if session.swap_color else channels, copy=True)
         except (RuntimeError, ValueError, TypeError, BufferError) as error:
             raise BadFrame(f"The {self.name} sent a frame that cannot be read: {error}.") from error
         return DepthFrame(

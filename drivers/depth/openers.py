@@ -17,7 +17,7 @@ def realsense(settings: DepthSettings) -> list[DepthCamera]:
 def oak(settings: DepthSettings) -> list[DepthCamera]:
     """The Luxonis OAK camera on the USB bus: the one of ``settings.serial``, or the first that is found."""
     library("depthai")
-    from drivers.depth import depthai_rs
+    import drivers.depth.depthai_rs as depthai_rs
 
     return [LibrealsenseCamera(depthai_rs, settings)]
 

@@ -77,6 +77,15 @@ def test_a_reset_reaches_the_hardware(rig: SoftwareRig) -> None:
     rig.camera.reset()
 
 
+def test_pyrealsense2_without_a_camera_is_a_missing_camera() -> None:
+    if len(rs.context().query_devices()):
+        pytest.skip("a RealSense camera is plugged in")
+    started = time.monotonic()
+    with pytest.raises(SensorMissing, match="No depth camera is plugged in"):
+        LibrealsenseCamera(rs, DepthSettings()).open()
+    assert time.monotonic() - started < 5.0
+
+
 class _Narrow(SoftwareModule):
     """A link that carries only what ``carries`` allows, as pyrealsense2 says it of USB 2."""
 

@@ -58,6 +58,13 @@ def test_real_cameras_are_made_without_being_opened(kind: str, package: str) -> 
     assert isinstance(camera, LibrealsenseCamera)
 
 
+def test_depthai_writes_nothing_where_results_are_printed() -> None:
+    pytest.importorskip("depthai", reason="depthai is not installed")
+    code = "from drivers.library import library; library('depthai').Device.getAllAvailableDevices()"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert found.stdout == ""
+
+
 def test_the_makers_packages_are_not_imported_before_they_are_asked_for() -> None:
     code = "import sys, drivers.registry, drivers.depth.openers, drivers.depth.depthai_rs, drivers.depth.replay\n"
     code += "print([name for name in ('pyrealsense2', 'depthai') if name in sys.modules])"
