@@ -145,6 +145,7 @@ def test_time_of_flight_gives_the_depth_where_there_is_one() -> None:
     assert tof.calls["build"][0][0] == SOCKET.CAM_D
     assert tof.calls["setOutputUndistortion"][0] == (True,)
     assert tof.config.enableDistortionCorrection
+    assert tof.config.enableOpticalCorrection
     assert ("ToF CAM_D", "depth") in pipeline.queues
     assert not any(node.real is dai.node.StereoDepth for node in pipeline.nodes)
     assert ("Camera CAM_B", "output 1") in pipeline.queues, "colour comes from a camera of the pair"

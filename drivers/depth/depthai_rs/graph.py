@@ -187,6 +187,7 @@ def _tof(dai: Any, pipeline: Any, socket: Any, fps: int) -> Any:
     tof.build(socket, dai.ImageFiltersPresetMode.TOF_LOW_RANGE, float(fps))
     settings = tof.getInitialConfig()
     settings.enableDistortionCorrection = True
+    settings.enableOpticalCorrection = True  # distance along the ray to depth along z, as stereo gives it
     tof.setInitialConfig(settings)
     tof.setOutputUndistortion(True)
     return tof
