@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 # Before numpy is loaded: a second BLAS thread costs memory and gains nothing here, see workers.py.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -28,12 +28,13 @@ EXIT_INTERRUPTED = 130
 class LazyCommands(click.Group):
     """Commands that are loaded when they are asked for: ``--help`` must not wait for OpenCV on a small computer."""
 
-    lazy = {  # noqa: RUF012 - a constant table, never written to
-        "doctor": "device.doctor:doctor",
-        "measure": "device.measure_command:measure",
-        "serve": "device.serve_command:serve",
-        "virtual-campaign": "device.campaign:virtual_campaign",
+    lazy: ClassVar = {
+        "doctor": ("device.doctor:doctor", "Look at everything the box needs."),
+        "measure": ("device.measure_command:measure", "Measure the diameter of a pipe."),
+        "serve": ("device.serve_command:serve", "Run the box: read the cameras, serve the page."),
+        "virtual-campaign": ("device.campaign:virtual_campaign", "Measure many virtual pipes and count the errors."),
     }
+    """Name: (module:command, what ``--help`` says of it)."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Their names."""
@@ -43,9 +44,14 @@ class LazyCommands(click.Group):
         """The command, loaded now."""
         if cmd_name not in self.lazy:
             return None
-        module, attribute = self.lazy[cmd_name].split(":")
+        module, attribute = self.lazy[cmd_name][0].split(":")
         command: click.Command = getattr(importlib.import_module(module), attribute)
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list in ``--help``, without loading them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, about) for name, (_, about) in sorted(self.lazy.items())])
 
 
 @click.group(cls=LazyCommands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
