@@ -65,6 +65,7 @@ class CameraFeed:
         self._stop = threading.Event()
         self._taps: list[FrameTap] = []
         self._latest: DepthFrame | None = None
+        self._blind = False
         self._arrivals: deque[float] = deque(maxlen=100)
         self._state: FeedState = "starting"
         self._message = "The camera is being started."
@@ -95,6 +96,11 @@ class CameraFeed:
     def latest(self) -> DepthFrame | None:
         """The newest good frame."""
         return self._latest
+
+    @property
+    def blind(self) -> bool:
+        """Whether the camera works and sees nothing: its last picture was empty."""
+        return self._blind
 
     def tap(self, size: int) -> FrameTap:
         """Every good frame from now on, through a queue of ``size`` in which the newest win. Close it after use."""
@@ -142,6 +148,7 @@ class CameraFeed:
             if not self.wanted(reader):
                 return
             self._latest = frame
+            self._blind = False
             self._frames += 1
             self._drops += lost_before
             self._arrivals.append(time.monotonic())
@@ -150,11 +157,12 @@ class CameraFeed:
             tap.offer(frame)
         self.become(reader, "up", "")
 
-    def bad_frame(self, reader: CameraReader) -> None:
-        """A picture came that is none."""
+    def bad_frame(self, reader: CameraReader, empty: bool = False) -> None:
+        """A picture came that is none; ``empty``: it is one, but nothing was measured in it."""
         with self._lock:
             if self.wanted(reader):
                 self._bad += 1
+                self._blind = empty
 
     def become(self, reader: CameraReader, state: FeedState, message: str) -> None:
         """The camera is in another state, or for another reason."""

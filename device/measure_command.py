@@ -15,7 +15,7 @@ from device.config import load_settings
 from device.daemon import Device
 from device.errors import Invalid
 from device.json_text import dumps
-from device.surveys.diameter import camera_lost
+from device.surveys.diameter import no_picture
 from device.surveys.diameter_result import (
     SINGLE_FRAME_RESAMPLES,
     PipeContext,
@@ -106,7 +106,7 @@ def _frames(folder: Path, table: _Table) -> int:
         except DriverError as error:
             unread += 1
             _warn(str(error))
-            result, seconds = camera_lost(None, ""), 0.0
+            result, seconds = no_picture("camera_lost", None, ""), 0.0
         else:
             begun = time.perf_counter()
             result = frame_result(frame.depth, frame.intrinsics, frame.depth_unit_m)
@@ -135,7 +135,7 @@ def _recordings(source: Path, most_frames: int | None, table: _Table) -> int:
             )
             if quality is None and frame.color is not None:
                 quality = picture_quality(frame.color)
-        result = diameter_result(estimates, PipeContext(), quality) if estimates else camera_lost(None, "replay")
+        result = diameter_result(estimates, PipeContext(), quality) if estimates else no_picture("camera_lost", None, "replay")
         table.add(f"{folder} {name}".strip(), {"recording": name, "folder": folder, **result, "camera": "replay"})
         table.progress(count + 1, len(recordings))
     return _count_unread(unread, total)

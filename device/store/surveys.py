@@ -57,7 +57,7 @@ class Surveys:
         return number
 
     def abandon(self, survey_id: int) -> None:
-        """A survey that came to nothing disappears; one that has recordings keeps them."""
+        """A survey that came to nothing disappears; one that has findings keeps them."""
         with self._database.write() as connection:
             _abandon(connection, survey_id)
 
@@ -233,9 +233,11 @@ def _row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) 
 
 
 def _abandon(connection: sqlite3.Connection, survey_id: int) -> None:
-    recordings = connection.execute("SELECT count(*) FROM recordings WHERE survey_id = ?", (survey_id,)).fetchone()[0]
-    if recordings:
-        connection.execute("UPDATE surveys SET state = 'saved' WHERE id = ?", (survey_id,))
+    recordings, findings = connection.execute(
+        "SELECT count(recording_id), count(*) FROM findings WHERE survey_id = ?", (survey_id,)
+    ).fetchone()
+    if findings:
+        connection.execute("UPDATE surveys SET state = ? WHERE id = ?", ("saved" if recordings else "failed", survey_id))
     else:
         connection.execute("DELETE FROM surveys WHERE id = ?", (survey_id,))
 

@@ -81,9 +81,10 @@ class Survey(ABC):
                 pipe = None if pipe_id is None else self._store.places.pipe(pipe_id)
                 job = Job(self._store.surveys.begin(self.kind, pipe_id), pipe, position or "entrance", frames, False)
             else:
-                pipe = self._store.surveys.get(survey_id)["pipe"]
+                survey = self._store.surveys.get(survey_id)
+                continues = bool(survey["recordings"])  # not after a first try that failed
                 self._store.surveys.reopen(survey_id)
-                job = Job(survey_id, pipe, position or "middle", frames, True)
+                job = Job(survey_id, survey["pipe"], position or ("middle" if continues else "entrance"), frames, continues)
             self._cancel.clear()
             self._set(job, "measuring", 0)
             self._thread = threading.Thread(target=self._run, args=(job,), name=f"survey {job.survey_id}", daemon=True)

@@ -44,7 +44,7 @@ class DiameterSurvey(Survey):
             self._collect(job, recordings)
             complete = [recording for recording in recordings if not recording.lost]
             if not complete:
-                return self._camera_lost(job, recordings)
+                return self._no_picture(job, recordings)
             done = self._state["frames_done"]
             self._progress(job, "computing", done)
             self._wait_for_estimates(complete)
@@ -115,9 +115,10 @@ class DiameterSurvey(Survey):
             settings=settings,
         )
 
-    def _camera_lost(self, job: Job, recordings: list[Recording]) -> Outcome:
-        """A measurement without a camera is a finding too: it says why. In a second position the first one stays as it was."""
-        lost = camera_lost(job.position, recordings[0].feed.name if recordings else "")
+    def _no_picture(self, job: Job, recordings: list[Recording]) -> Outcome:
+        """A measurement without a picture is a finding too: it says why. In a second position the first one stays as it was."""
+        blind = bool(recordings) and all(recording.feed.blind for recording in recordings)
+        lost = no_picture("few_points" if blind else "camera_lost", job.position, recordings[0].feed.name if recordings else "")
         message = lost["prompts"][0]["reason"]
         if job.continues:
             self._store.surveys.abandon(job.survey_id)
@@ -126,8 +127,7 @@ class DiameterSurvey(Survey):
         return Outcome("failed", message, lost)
 
 
-def camera_lost(position: str | None, camera: str) -> Result:
-    """The RESULT of a recording that never came to be."""
+def no_picture(code: str, position: str | None, camera: str) -> Result:
+    """The RESULT of a recording that never came to be, for the reason ``code``."""
     nothing = diameter_result([], PipeContext(position=position))
-    prompt = PROMPTS["camera_lost"].to_json()
-    return {**nothing, "verdict": "retry", "reasons": ["camera_lost"], "prompts": [prompt], "camera": camera}
+    return {**nothing, "verdict": "retry", "reasons": [code], "prompts": [PROMPTS[code].to_json()], "camera": camera}

@@ -151,6 +151,19 @@ def test_without_any_camera_a_measurement_fails_at_once_and_says_why(bench: Open
     assert box.device.cloud(None)["points"] == []
 
 
+def test_a_covered_window_is_told_as_such_and_a_failed_survey_can_be_tried_again(bench: Open) -> None:
+    camera = ScriptedCamera("empty")
+    box = bench(camera)
+    box.wait_for("status", lambda data: data["cameras"][0]["bad_frames"] > 5)
+    survey_id = box.device.measure(frames=5)["survey_id"]
+    assert box.finish(survey_id)["state"] == "failed"
+    assert box.device.survey(survey_id)["result"]["reasons"] == ["few_points"]
+    box.device.measure(survey_id=survey_id)
+    box.device.cancel()
+    assert box.finish(survey_id)["state"] == "cancelled"
+    assert box.device.survey(survey_id)["state"] == "failed"
+
+
 def test_of_two_cameras_the_surer_one_is_taken_and_both_are_kept(bench: Open) -> None:
     sharp, rough = PipeCamera("sharp", noise=0.01), PipeCamera("rough", noise=0.15)
     box = bench(rough, sharp).up()
