@@ -1,6 +1,6 @@
 """The virtual campaign: many recordings of virtual pipes, measured as the survey measures, and what came of them.
 
-It mirrors the paper's field campaign (74 pipes, 101 recordings of 50 frames) and is how thresholds are fitted and figures are shown.
+It mirrors the paper's field campaign (74 pipes, 101 recordings of 50 frames); thresholds are fitted on it and figures shown.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from pathlib import Path
 
 import click
 import numpy as np
-from drivers.virtual.campaign import VirtualRecording, campaign
 
 from device.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
+from drivers.virtual.campaign import VirtualRecording, campaign
 from estimators.frame import FrameEstimate, estimate_frame
 from estimators.recording import ErrorModel, RecordingEstimate, combine
 
@@ -196,9 +196,10 @@ def virtual_campaign(
         reasons = refused(o, thresholds)
         if not o.right or reasons:
             error = "nothing fitted" if math.isinf(o.error_mm) else f"{o.error_mm:6.1f} mm off"
+            flag = "WRONG AND ACCEPTED " if not o.right and not reasons else ""
             click.echo(
-                f"{'WRONG AND ACCEPTED ' if not o.right and not reasons else ''}{o.seed}/{o.recording_id} {1000 * o.truth:.0f} mm "
-                f"{error}, {', '.join(reasons) or 'accepted'}; {', '.join(o.troubles) or 'no trouble'}"
+                f"{flag}{o.seed}/{o.recording_id} {1000 * o.truth:.0f} mm {error}, {', '.join(reasons) or 'accepted'}; "
+                f"{', '.join(o.troubles) or 'no trouble'}"
             )
 
 

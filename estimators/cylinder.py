@@ -28,6 +28,8 @@ _PAIRS = 16000
 _HYPOTHESES = 500
 _POOL = 900
 _FINALISTS = 12
+_FEWEST = 12
+"""Points without which five parameters are not worth fitting."""
 _REFINE_POINTS = 4000
 _NORMAL_AGREEMENT = 0.8
 DISPARITY_STD = 0.012
@@ -107,10 +109,12 @@ def refine(
     part."""
     axis, point, radius = start.axis, start.point, start.radius
     points, sigma = points[candidate], sigma[candidate]
+    if len(points) < _FEWEST:
+        return start
     for _ in range(iterations):
         residual, jacobian, basis, point = linearise(points, axis, point, radius)
         weight = tukey(residual / sigma) / sigma**2
-        if np.count_nonzero(weight) < 12:
+        if np.count_nonzero(weight) < _FEWEST:
             break
         weighted = jacobian * weight[:, None]
         normal_matrix = weighted.T @ jacobian + np.diag([1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
@@ -274,10 +278,10 @@ _SECTORS = 36
 
 
 def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
-    """Statistics of ``cylinder`` on the whole ``cloud``; None where fewer than 12 points lie on it."""
+    """Statistics of ``cylinder`` on the whole ``cloud``; None where fewer than a dozen points lie on it."""
     sigma = noise_std(cloud.points, cloud.normals)
     on_wall = inliers(cloud.points, cloud.normals, sigma, cylinder)
-    if np.count_nonzero(on_wall) < 12:
+    if np.count_nonzero(on_wall) < _FEWEST:
         return None
     points = cloud.points[on_wall].astype(np.float64)
     residual, jacobian, basis, anchor = linearise(points, cylinder.axis, cylinder.point, cylinder.radius)

@@ -1,0 +1,215 @@
+"""How depth cameras err: active stereo as the real D435i frames show it, and time of flight.
+
+The figures of ``StereoNoise`` were read off the shared recordings by ``python -m tests.bench.noise_fit``, which prints the same
+statistics of real and virtual frames side by side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.virtual import world
+from drivers.virtual.world import Hits
+from estimators.pinhole import Intrinsics
+
+Array = NDArray[np.float32]
+UNIT_M = 0.001
+BASELINE_M = 0.05
+_BANK = 12
+
+
+@dataclass(frozen=True)
+class Window:
+    """What stands between the camera and the pipe. ``scale``: relative error of every distance (plastic cover and calibration);
+    ``smears``: blobs of dirt or drops as (x, y, radius) in fractions of the width, each a hole or, every third, a near
+    ghost."""
+
+    scale: float = 0.0
+    smears: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class StereoNoise:
+    """Active stereo. Standard deviations in pixels of disparity at 848 pixels of width; shares of the picture."""
+
+    fine: float = 0.14
+    """Within a few pixels."""
+    coarse: float = 0.16
+    """Over some 15 pixels, half of it fixed to the scene, since the same texture is matched each time."""
+    grazing: float = 0.35
+    """How much of it a surface seen at a grazing angle adds, per (1 / cosine - 1) up to 4."""
+    steps: float = 32.0
+    """Disparity steps a pixel."""
+    light: float = 1.0
+    """Emitter and lamp against the wall's texture: 1 as in a concrete pipe with the emitter on, 0 smooth and dark."""
+    lattice: float = 0.12
+    """Share of holes between the projector's dots on a well-lit wall."""
+    speckles: float = 60.0
+    """False matches a frame, where nothing true is seen."""
+    nearest: float = 0.17
+    """Metres; nearer, the two pictures share nothing."""
+
+
+@dataclass(frozen=True)
+class TimeOfFlightNoise:
+    """Time of flight: ``std`` (m) at 1 m growing with the square of range, ``multipath`` relative excess inside a concave pipe,
+    ``flying`` share of edge pixels that lie between the two surfaces."""
+
+    std: float = 0.004
+    multipath: float = 0.02
+    flying: float = 0.7
+    nearest: float = 0.1
+
+
+@dataclass
+class StereoCamera:
+    """One recording's worth of active stereo: what is fixed to the scene is drawn once, the rest anew for every frame."""
+
+    intrinsics: Intrinsics
+    noise: StereoNoise
+    window: Window
+    rng: np.random.Generator
+    blur: float = 0.0
+    """Standard deviation (pixels) of the smear by motion."""
+    _fixed: Array = field(init=False)
+    _texture: Array = field(init=False)
+    _smear: NDArray[np.uint8] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._fixed = _field(self.intrinsics.size, 15, self.rng)
+        self._texture = _field(self.intrinsics.size, 9, self.rng)
+        self._smear = _smears(self.intrinsics.size, self.window)
+
+    def picture(self, hits: Hits) -> NDArray[np.uint16]:
+        """A depth picture (H, W) uint16 in UNIT_M of what the rays met; ``hits`` may be on a coarser grid."""
+        width, height = self.intrinsics.size
+        noise, rng = self.noise, self.rng
+        true_depth = _enlarge(np.where(hits.depth > 0, hits.depth, np.float32(50)), (width, height))
+        cosine = np.maximum(_enlarge(hits.cosine, (width, height)), np.float32(0.02))
+        water = (
+            cv2.resize((hits.material == world.WATER).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        )
+        pixels = np.float32(self.intrinsics.fx * BASELINE_M)
+        disparity = np.asarray(pixels / true_depth, np.float32)
+        if self.blur > 0:
+            disparity = np.asarray(cv2.GaussianBlur(disparity, (0, 0), self.blur), np.float32)
+        scale = np.float32(width / 848)
+        spread = 1 + np.float32(noise.grazing) * np.minimum(1 / cosine - 1, np.float32(4)) * np.float32(0.5)
+        coarse = (self._fixed + _field((width, height), 15, rng)) * np.float32(0.71 * noise.coarse)
+        fine = _field((width, height), 3, rng) * np.float32(noise.fine)
+        measured = disparity + (coarse + fine) * spread * scale
+        measured = np.round(measured * np.float32(noise.steps)) / np.float32(noise.steps)
+        seen = self._seen(true_depth, cosine, water)
+        depth = np.where(seen & (measured > 0.05), pixels / np.maximum(measured, np.float32(0.05)), np.float32(0))
+        depth = depth * np.float32(1 + self.window.scale)
+        depth[depth < noise.nearest] = 0
+        depth[self._smear == 1] = 0
+        ghost = self._smear == 2
+        depth[ghost] = np.float32(noise.nearest + 0.03) + np.float32(0.01) * self._texture[ghost]
+        self._speckle(depth)
+        left = round(0.06 * width)
+        depth[:, :left] = 0
+        return _millimetres(depth)
+
+    def _seen(self, depth: Array, cosine: Array, water: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Where a match is found: light falls off with range and angle, texture decides, and water mirrors most of it away."""
+        noise = self.noise
+        texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, 5, self.rng)
+        light = np.float32(noise.light) * np.minimum(
+            np.float32(1.3) * cosine ** np.float32(0.35) / (1 + np.float32(0.12) * depth**2), 1
+        )
+        too_near = np.clip((np.float32(0.27) - depth) * np.float32(8), 0, 2)
+        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12)) - too_near
+        margin = np.where(water, margin - np.float32(1.6), margin)
+        return np.asarray(texture < margin * np.float32(1.2))
+
+    def _speckle(self, depth: Array) -> None:
+        """False matches: blobs at any range, where there is no true one."""
+        height, width = depth.shape
+        for _ in range(self.rng.poisson(self.noise.speckles)):
+            x, y = int(self.rng.uniform(0.05, 0.98) * width), int(self.rng.uniform(0, 0.98) * height)
+            w, h = int(self.rng.integers(4, 14) * width / 848) + 1, int(self.rng.integers(3, 9) * width / 848) + 1
+            patch = depth[y : y + h, x : x + w]
+            false = np.float32(np.exp(self.rng.uniform(np.log(0.2), np.log(5.0))))
+            patch[patch == 0] = false
+
+
+@dataclass
+class TimeOfFlightCamera:
+    """One recording's worth of time of flight."""
+
+    intrinsics: Intrinsics
+    noise: TimeOfFlightNoise
+    window: Window
+    rng: np.random.Generator
+    blur: float = 0.0
+    _smear: NDArray[np.uint8] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._smear = _smears(self.intrinsics.size, self.window)
+
+    def picture(self, hits: Hits) -> NDArray[np.uint16]:
+        """A depth picture (H, W) uint16 in UNIT_M; light that came by way of the opposite wall makes a concave wall look
+        wider."""
+        width, height = self.intrinsics.size
+        near = _enlarge(np.where(hits.depth > 0, hits.depth, np.float32(0)), (width, height))
+        cosine = np.maximum(_enlarge(hits.cosine, (width, height)), np.float32(0.02))
+        wall = cv2.resize((hits.material == world.WALL).astype(np.float32), (width, height))
+        excess = np.float32(self.noise.multipath) * (1 + np.float32(0.3) * _field((width, height), 31, self.rng)) * wall
+        distance = near * (1 + excess)
+        edge = cv2.morphologyEx(near, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0.15
+        flying = edge & (self.rng.random(edge.shape) < self.noise.flying)
+        mixed = cv2.blur(distance, (5, 5))
+        distance = np.where(flying, mixed, distance)
+        std = np.float32(self.noise.std) * (np.float32(0.5) + distance**2) / np.sqrt(cosine)
+        depth = (distance + std * _field((width, height), 3, self.rng)) * np.float32(1 + self.window.scale)
+        depth[(near < self.noise.nearest) | (cosine < 0.06) & (near > 2.0) | (self._smear > 0)] = 0
+        return _millimetres(depth)
+
+
+def _millimetres(depth: Array) -> NDArray[np.uint16]:
+    return np.asarray(np.clip(depth / UNIT_M, 0, 65535), np.uint16)
+
+
+def _enlarge(values: Array, size: tuple[int, int]) -> Array:
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _smears(size: tuple[int, int], window: Window) -> NDArray[np.uint8]:
+    """0 clear, 1 hole, 2 near ghost."""
+    width, height = size
+    picture = np.zeros((height, width), np.uint8)
+    for k, (x, y, radius) in enumerate(window.smears):
+        centre = (int(x * width), int(y * height))
+        cv2.ellipse(
+            picture, centre, (int(radius * width), int(0.8 * radius * width)), 30.0 * k, 0, 360, 2 if k % 3 == 2 else 1, -1
+        )
+    return picture
+
+
+@lru_cache(maxsize=24)
+def _bank(size: tuple[int, int], grain: int) -> NDArray[np.float32]:
+    """A few fields (_BANK, H, W) of unit noise that is alike over ``grain`` pixels."""
+    width, height = size
+    rng = np.random.default_rng(grain)
+    fields = []
+    for _ in range(_BANK):
+        coarse = rng.normal(size=(height // max(grain // 2, 1) + 2, width // max(grain // 2, 1) + 2)).astype(np.float32)
+        fine = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), 0.8), (width, height), interpolation=cv2.INTER_LINEAR)
+        fields.append((fine / fine.std()).astype(np.float32))
+    return np.stack(fields)
+
+
+def _field(size: tuple[int, int], grain: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Unit noise (H, W): one of the bank's, shifted and mirrored at random, which is far cheaper than drawing it."""
+    chosen = _bank(size, grain)[int(rng.integers(_BANK))]
+    if rng.random() < 0.5:
+        chosen = chosen[::-1]
+    if rng.random() < 0.5:
+        chosen = chosen[:, ::-1]
+    return np.roll(chosen, (int(rng.integers(size[1])), int(rng.integers(size[0]))), axis=(0, 1))
