@@ -31,7 +31,7 @@ from estimators.picture import picture_quality
 from estimators.recording import MIN_FRAMES_FOR_SPREAD
 
 _PER_FRAME_FIELDS = ("verdict", "reasons", "diameter_mm", "interval_mm", "radius_std_mm")
-_FIRST_FRAME_S = 30.0
+FIRST_FRAME_S = 30.0
 
 
 @click.command()
@@ -62,7 +62,7 @@ def measure(
     settings = load_settings(config, data_dir=data_dir, frames=frames, **chosen)
     device = Device(settings)
     try:
-        return _live(device.start(), settings.frames, as_json)
+        return measure_live(device.start(), as_json)
     finally:
         device.close()
 
@@ -172,7 +172,7 @@ def _readable(source: Path, entries: list[ManifestEntry] | None, most_frames: in
             yield None
 
 
-def _live(device: Device, frames: int, as_json: bool) -> int:
+def measure_live(device: Device, as_json: bool) -> int:
     """Measure with the cameras; where a second position is needed and somebody is there to move the box, ask for it."""
     table = _Table(as_json)
     _wait_for_a_camera(device)
@@ -200,7 +200,7 @@ def _show(table: _Table, survey_id: int, result: Result) -> None:
 
 
 def _wait_for_a_camera(device: Device) -> None:
-    deadline = time.monotonic() + _FIRST_FRAME_S
+    deadline = time.monotonic() + FIRST_FRAME_S
     while time.monotonic() < deadline:
         cameras = device.status()["cameras"]
         if all(camera["state"] in ("up", "lost") for camera in cameras):

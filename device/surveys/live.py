@@ -79,7 +79,9 @@ class LiveEstimates:
             return self._cameras[newest["camera"]].latest
 
     def _run(self) -> None:
-        while not self._stop.wait(self._period_s):
+        due = time.monotonic()
+        while not self._stop.wait(due - time.monotonic()):
+            due = max(due + self._period_s, time.monotonic())
             try:
                 if not self._paused:
                     for camera in self._cameras.values():
