@@ -49,5 +49,6 @@ def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CA
         # A stalled stream may hold this much; the default of 16 MB for each of them is more than the box has to spare.
         outbuf_high_watermark=256 * 1024,
         clear_untrusted_proxy_headers=True,
+        log_socket_errors=False,  # phones leave in the middle of a picture all day
         asyncore_use_poll=True,
     )

@@ -371,6 +371,12 @@ class FakeDevice:
             self._surveys[number] = survey
             return number
 
+    @property
+    def measured(self) -> tuple[Any, ...]:
+        """The arguments of the last call of `measure`."""
+        arguments: tuple[Any, ...] = next(value for name, value in reversed(self.calls) if name == "measure")
+        return arguments
+
     def cancel(self) -> None:
         self._cancel.set()
 

@@ -100,9 +100,11 @@ export function inWords(result) {
   const { profile } = result;
   const parts = [
     `Cross-section: fitted circle of ${result.diameter_mm.toFixed(0)} millimetres`,
-    `measured diameters from ${profile.minimum_mm?.toFixed(0)} to ${profile.maximum_mm?.toFixed(0)} millimetres`,
-    `${profile.coverage_deg?.toFixed(0)} of 360 degrees of the wall seen`,
+    `${profile.coverage_deg.toFixed(0)} of 360 degrees of the wall seen`,
   ];
+  if (profile.minimum_mm !== null && profile.maximum_mm !== null) {
+    parts.push(`measured diameters from ${profile.minimum_mm.toFixed(0)} to ${profile.maximum_mm.toFixed(0)} millimetres`);
+  }
   if (profile.water) parts.push(`water ${profile.water.depth_mm.toFixed(0)} millimetres deep from ${profile.water.from_clock} to ${profile.water.to_clock} o'clock`);
   return `${parts.join(", ")}.`;
 }

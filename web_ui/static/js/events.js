@@ -12,8 +12,9 @@ const NAMES = ["status", "live", "measurement", "prompt"];
 const tabName = () => Array.from(crypto.getRandomValues(new Uint32Array(2)), (part) => part.toString(36)).join("-");
 
 export class Feed {
-  constructor({ stream = true, pollMs = POLL_MS } = {}) {
-    this.stream = stream && "EventSource" in window;
+  // Without `live` only the status is asked for, now and then.
+  constructor({ live = true, pollMs = POLL_MS } = {}) {
+    this.live = live;
     this.pollMs = pollMs;
     this.listeners = new Map();
     this.tab = tabName();
@@ -37,7 +38,7 @@ export class Feed {
     this.stopped = false;
     this.heard = performance.now();
     this.watch = setInterval(() => this.check(), 500);
-    if (this.stream) this.open();
+    if (this.live && "EventSource" in window) this.open();
     else this.poll();
   }
 
@@ -103,15 +104,15 @@ export class Feed {
     while (!this.stopped && !this.streaming) {
       if (!document.hidden) {
         try {
-          const wantStatus = this.polls % 3 === 0 || !this.stream;
+          const wantStatus = this.polls % 3 === 0 || !this.live;
           this.polls += 1;
           const [status, live] = await Promise.all([
             wantStatus ? ask("/status", { timeoutMs: 3000 }) : null,
-            this.stream ? ask("/live", { timeoutMs: 3000 }) : null,
+            this.live ? ask("/live", { timeoutMs: 3000 }) : null,
           ]);
           this.hear();
           if (status) this.emit("status", status);
-          if (this.stream) this.emit("live", live);
+          if (this.live) this.emit("live", live);
         } catch {
           // Not an accident but the message: `check` turns the silence into the banner.
         }

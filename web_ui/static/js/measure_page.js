@@ -134,7 +134,6 @@ function showRunning(survey) {
   if (started) {
     announce("Measuring. Hold the box still.");
     showFailure(byId("failed"), null);
-    byId("cancel").disabled = false;
     if (document.activeElement === document.body || document.activeElement === byId("start")) byId("cancel").focus();
   }
 }
@@ -198,13 +197,10 @@ async function start() {
 }
 
 async function cancel() {
-  byId("cancel").disabled = true;
   try {
     await ask("/measure/cancel", { method: "POST" });
   } catch (error) {
     showFailure(byId("failed"), error.message);
-  } finally {
-    byId("cancel").disabled = false;
   }
 }
 

@@ -6,7 +6,7 @@ import { Feed } from "./events.js";
 import { showHealth } from "./health.js";
 
 export function startShell({ live = false } = {}) {
-  const feed = new Feed(live ? {} : { stream: false, pollMs: 2000 });
+  const feed = new Feed(live ? {} : { live: false, pollMs: 2000 });
   let status = null;
   const show = () => showHealth(status, feed.link);
   feed.on("status", (value) => {
