@@ -20,6 +20,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 FeedState = Literal["starting", "up", "degraded", "lost"]
 
+_BROKEN_PICTURE_S = 0.05
 _LOST_SENTENCE = "The camera sends no pictures: check its cable. The box keeps trying."
 
 
@@ -167,8 +168,14 @@ class CameraReader:
                 return False
             try:
                 frame = self._timed("read", self._timing.read_limit_s, lambda: camera.read(self._timing.read_s))
-            except (FrameTimeout, BadFrame, RecordingBroken) as fault:
-                if not isinstance(fault, FrameTimeout):
+            except RecordingBroken as fault:
+                # one picture of a recording: the next read goes on behind it, while reopening would begin all over again
+                self._sink.bad_frame(self)
+                self._sink.become(self, "degraded", _sentence(fault))
+                self._stop.wait(_BROKEN_PICTURE_S)
+                return False
+            except (FrameTimeout, BadFrame) as fault:
+                if isinstance(fault, BadFrame):
                     self._sink.bad_frame(self)
                 self._sink.become(self, "degraded", _sentence(fault) or _LOST_SENTENCE)
                 if faults_left == 0:

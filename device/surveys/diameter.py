@@ -22,7 +22,7 @@ from estimators.picture import picture_quality
 log = logging.getLogger(__name__)
 
 _COMPUTING_LIMIT_S = 60.0
-_TICK_S = 0.05
+_TICK_S = 0.1
 
 
 class DiameterSurvey(Survey):
@@ -71,7 +71,7 @@ class DiameterSurvey(Survey):
             self._check_cancelled()
             if time.monotonic() > deadline:
                 raise EstimateFailed("The box could not compute the result in time: measure again.")
-            time.sleep(_TICK_S / 5)
+            time.sleep(_TICK_S / 10)
 
     def _conclude(self, job: Job, recordings: list[Recording]) -> Outcome:
         found = [self._judge(job, recording) for recording in recordings if not recording.lost]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base import BadFrame, FrameTimeout, SensorLost, SensorMissing
+from drivers.base import BadFrame, FrameTimeout, RecordingBroken, SensorLost, SensorMissing
 from drivers.depth.base import DepthCamera, DepthFrame
 from estimators.frame import FrameEstimate
 from estimators.pinhole import Intrinsics
@@ -32,7 +32,7 @@ def frame(number: int, *, depth: NDArray[np.uint16] | None = None, source: str =
 class ScriptedCamera(DepthCamera):
     """Answers each read by the next word of ``script`` and goes on with its last one.
 
-    Words: frame, skip (four numbers), timeout, bad, lost, crash, freeze (the same picture), empty, stuck (until ``release`` is
+    Words: frame, skip (four numbers), timeout, bad, broken, lost, crash, freeze (the same picture), empty, stuck (until ``release`` is
     set). The first ``missing`` openings fail with SensorMissing. Everything asked of it is kept in ``calls``.
     """
 
@@ -68,6 +68,8 @@ class ScriptedCamera(DepthCamera):
             raise BadFrame("The picture has the wrong size.")
         if word == "lost":
             raise SensorLost("The camera is gone.")
+        if word == "broken":
+            raise RecordingBroken("depth_7.png is missing.")
         if word == "crash":
             raise RuntimeError("segmentation fault, nearly")
         if word == "stuck":

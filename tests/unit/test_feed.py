@@ -169,6 +169,14 @@ def test_a_recording_may_stand_still_and_be_empty(closing: list[Made]) -> None:
     assert camera.calls == ["open"]
 
 
+def test_broken_pictures_of_a_recording_are_counted_and_passed_over(closing: list[Made]) -> None:
+    camera = ScriptedCamera("frame broken broken broken broken frame")
+    made = start(closing, camera, recorded=True)
+    assert eventually(lambda: made.feed.status().frames > 5)
+    assert made.feed.status().bad_frames == 4
+    assert camera.calls == ["open"]
+
+
 def test_a_driver_that_crashes_costs_a_reopening_and_a_sentence_not_a_trace(closing: list[Made]) -> None:
     camera = ScriptedCamera("crash crash crash crash crash frame")
     made = start(closing, camera)
