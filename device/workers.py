@@ -103,6 +103,10 @@ class WorkerPool:
 
     def _feed(self, number: int) -> None:
         pipe: Connection | None = None
+        try:
+            pipe = self._start(number)  # now, or the first measurement would wait for its imports
+        except OSError as fault:  # tried again with the first frame
+            log.error("worker %d could not be started: %s", number, fault)
         while (job := self._jobs.get()) is not None:
             if not job.future.set_running_or_notify_cancel():
                 continue

@@ -32,8 +32,8 @@ def frame(number: int, *, depth: NDArray[np.uint16] | None = None, source: str =
 class ScriptedCamera(DepthCamera):
     """Answers each read by the next word of ``script`` and goes on with its last one.
 
-    Words: frame, skip (four numbers), timeout, bad, broken, lost, crash, freeze (the same picture), empty, stuck (until ``release`` is
-    set). The first ``missing`` openings fail with SensorMissing. Everything asked of it is kept in ``calls``.
+    Words: frame, skip (four numbers), timeout, bad, broken, lost, crash, freeze (the same picture), empty, stuck (until
+    ``release`` is set). The first ``missing`` openings fail with SensorMissing. What is asked of it is kept in ``calls``.
     """
 
     name = "scripted camera"
