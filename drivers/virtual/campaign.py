@@ -30,18 +30,18 @@ _BOX_M = 0.06
 """Nearest that the camera's eye comes to a wall: half the box."""
 
 TROUBLES = {
-    "water": 0.45,
-    "end in view": 0.30,
-    "chamber in view": 0.30,
-    "tilt": 0.15,
-    "poor light": 0.18,
-    "speckle": 0.20,
-    "dirt": 0.12,
-    "drops": 0.10,
-    "deposit": 0.12,
-    "hand motion": 0.12,
+    "water": 0.55,
+    "end in view": 0.40,
+    "chamber in view": 0.40,
+    "tilt": 0.20,
+    "poor light": 0.25,
+    "speckle": 0.30,
+    "dirt": 0.20,
+    "drops": 0.15,
+    "deposit": 0.20,
+    "hand motion": 0.15,
     "out of round": 0.15,
-    "dent": 0.05,
+    "dent": 0.08,
     "hopeless": 0.015,
 }
 """How often each trouble befalls a recording (water, deposit and shape: a pipe). The one place where the difficulty is set."""
@@ -94,7 +94,7 @@ def _pipe(seed: int, number: int, dn: int, rng: np.random.Generator) -> list[Vir
     sewer = VirtualSewer(
         profile,
         length=float(rng.uniform(4, 12)),
-        water=float(rng.uniform(0.04, 0.28)) * height if "water" in troubles else 0.0,
+        water=float(rng.uniform(0.05, 0.38)) * height if "water" in troubles else 0.0,
         deposit=_deposit(height, rng) if "deposit" in troubles else None,
         joints=tuple(Joint(float(z)) for z in np.arange(rng.uniform(0.3, 1.0), 6.0, 1.0)),
     )
@@ -135,13 +135,15 @@ def _recording(
     troubles = pipe_troubles | {name for name in own if rng.random() < TROUBLES[name]}
     radius = float(np.mean(sewer.profile.radii))
     if "end in view" in troubles:
-        sewer = VirtualSewer(sewer.profile, float(rng.uniform(0.5, 2.2)) + radius, sewer.water, sewer.deposit, sewer.joints)
+        sewer = VirtualSewer(
+            sewer.profile, float(rng.uniform(3, 10)) * max(radius, 0.12), sewer.water, sewer.deposit, sewer.joints
+        )
     poor, hopeless = "poor light" in troubles, "hopeless" in troubles
     noise = StereoNoise(
         fine=0.14 * float(rng.uniform(0.8, 1.6)),
         coarse=0.16 * float(rng.uniform(0.8, 1.8)),
-        light=0.3 if hopeless else float(rng.uniform(0.52, 0.65)) if poor else float(rng.uniform(0.75, 1.05)),
-        speckles=float(rng.uniform(150, 400)) if "speckle" in troubles or hopeless else float(rng.uniform(20, 90)),
+        light=0.25 if hopeless else float(rng.uniform(0.42, 0.6)) if poor else float(rng.uniform(0.75, 1.05)),
+        speckles=float(rng.uniform(200, 700)) if "speckle" in troubles or hopeless else float(rng.uniform(20, 90)),
     )
     moving = "hand motion" in troubles
     return VirtualRecording(
@@ -169,7 +171,7 @@ def _pose(radius: float, sewer: VirtualSewer, position: str, troubles: set[str],
     down = min(height + float(rng.normal(0, 0.1)) * room, floor)
     right = float(np.clip(rng.normal(0, 0.15), -0.4, 0.4)) * np.sqrt(max(room**2 - down**2, 0.0))
     tilt = np.radians(rng.normal(0, 3, 3) + (rng.uniform(8, 18) * rng.choice([-1, 1], 3) if "tilt" in troubles else 0.0))
-    chainage = -float(rng.uniform(0.02, 0.30)) if "chamber in view" in troubles else float(rng.uniform(0.0, 0.3))
+    chainage = -float(rng.uniform(0.05, 0.45)) if "chamber in view" in troubles else float(rng.uniform(0.0, 0.3))
     yaw, pitch = (float(a) for a in np.clip(tilt[:2], *np.radians([-20, 20])))
     return Pose(right, down, chainage, yaw, pitch, float(np.radians(rng.normal(0, 3))))
 
