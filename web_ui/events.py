@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from flask import Blueprint, Response, request
 
+from device.bus import Subscription
 from device.json_text import dumps
 from web_ui import faults
 
@@ -66,6 +67,7 @@ class Stream:
         self._gone = gone
         self._stopped = threading.Event()
         self._on_close: Callable[[], None] = lambda: None
+        self._subscription: Subscription | None = None
 
     def when_closed(self, action: Callable[[], None]) -> None:
         """Run `action` once the stream is closed."""
@@ -78,26 +80,25 @@ class Stream:
     def close(self) -> None:
         """End the stream and give its place back."""
         self._stopped.set()
+        if self._subscription is not None:
+            self._subscription.close()
         self._on_close()
 
     def __iter__(self) -> Iterator[bytes]:
-        subscription = self._device.subscribe()
-        try:
-            yield b"retry: 2000\n\n"
-            yield frame("status", self._device.status())
-            yield frame("live", self._device.live())
+        self._subscription = subscription = self._device.subscribe()
+        yield b"retry: 2000\n\n"
+        yield frame("status", self._device.status())
+        yield frame("live", self._device.live())
+        spoke = time.monotonic()
+        while not (self._stopped.is_set() or subscription.closed or self._gone()):
+            event = subscription.get(_WAIT_S)
+            if event is not None:
+                yield frame(event.name, event.data)
+            elif time.monotonic() - spoke < HEARTBEAT_S:
+                continue
+            else:
+                yield b": still here\n\n"
             spoke = time.monotonic()
-            while not (self._stopped.is_set() or subscription.closed or self._gone()):
-                event = subscription.get(_WAIT_S)
-                if event is not None:
-                    yield frame(event.name, event.data)
-                elif time.monotonic() - spoke < HEARTBEAT_S:
-                    continue
-                else:
-                    yield b": still here\n\n"
-                spoke = time.monotonic()
-        finally:
-            subscription.close()
 
 
 def frame(name: str, data: Any) -> bytes:

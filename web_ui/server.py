@@ -1,5 +1,6 @@
 """The web server, set for long-lived event streams on a small box."""
 
+import logging
 import socket
 from typing import Any
 
@@ -36,6 +37,8 @@ def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CA
     `.effective_port` is the port in use, where 0 was asked for. Raises OSError where the address cannot be bound. Each stream
     holds a thread, so there are as many as streams and some more.
     """
+    # It tells of every phone that leaves in the middle of a picture, which they do all day.
+    logging.getLogger("waitress").setLevel(logging.WARNING)
     return waitress.create_server(
         app,
         sockets=[_listen(host, port)],
@@ -49,6 +52,6 @@ def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CA
         # A stalled stream may hold this much; the default of 16 MB for each of them is more than the box has to spare.
         outbuf_high_watermark=256 * 1024,
         clear_untrusted_proxy_headers=True,
-        log_socket_errors=False,  # phones leave in the middle of a picture all day
+        log_socket_errors=False,
         asyncore_use_poll=True,
     )

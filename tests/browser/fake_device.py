@@ -1,7 +1,7 @@
 """A device without cameras: the facade of `device.daemon.Device` over canned answers, steered by a test.
 
 `scene` chooses what the cameras seem to see ("good", "poor", "none" or "lost") and `outcome` what the next measurement finds
-("accept", "retry" or "second").
+("accept", "retry", "second", or "failed" for none).
 """
 
 import copy
@@ -32,6 +32,11 @@ UNSTABLE = {
     "code": "unstable",
     "reason": "The radius changed from frame to frame.",
     "remedy": "Rest the box on the invert and measure again.",
+}
+CAMERA_LOST = {
+    "code": "camera_lost",
+    "reason": "The camera stopped sending pictures.",
+    "remedy": "Check its cable, then measure again.",
 }
 SECOND = {
     "code": "second_position",
@@ -340,8 +345,12 @@ class FakeDevice:
         self._survey["state"] = "computing"
         self._tell("computing")
         time.sleep(0.2)
-        self.add_survey(number, pipe_id, position, self.outcome)
-        self._tell("saved")
+        if self.outcome == "failed":
+            self._tell("failed", CAMERA_LOST["reason"])
+            self._bus.publish("prompt", {"survey_id": number, **CAMERA_LOST})
+        else:
+            self.add_survey(number, pipe_id, position, self.outcome)
+            self._tell("saved")
         self._idle()
 
     def _idle(self) -> None:

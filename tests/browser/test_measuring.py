@@ -98,6 +98,15 @@ def test_cancel_brings_the_button_back_and_keeps_nothing(screen: Watched, device
     assert device.surveys() == []
 
 
+def test_a_measurement_that_fails_says_why_and_what_to_do(screen: Watched, device: FakeDevice) -> None:
+    device.outcome = "failed"
+    page = screen.open("/")
+    page.click("#start")
+    expect(page.locator("#failed")).to_have_text("The camera stopped sending pictures. Check its cable, then measure again.")
+    expect(page.locator("#start")).to_be_visible()
+    assert screen.path == "/"
+
+
 def test_a_second_screen_sees_the_measurement_and_its_end(watch: Callable[..., Watched], device: FakeDevice) -> None:
     device.seconds = 3
     one, two = watch(), watch(1280, 800)

@@ -103,6 +103,24 @@ def test_a_tab_that_comes_back_takes_the_place_of_its_old_stream(port: int) -> N
     assert len(others) == 2
 
 
+def test_asking_for_the_head_of_a_stream_takes_no_place(port: int) -> None:
+    for _ in range(6):
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection.request("HEAD", "/api/v1/events")
+        assert connection.getresponse().status == 200
+        connection.close()
+    assert Listener(port).response.status == 200
+
+
+def test_a_closed_stream_leaves_no_subscription(device: FakeDevice) -> None:
+    bus = Bus()
+    device.subscribe = bus.subscribe  # type: ignore[method-assign]  # to look behind it
+    stream = events.Stream(device, lambda: False)  # type: ignore[arg-type]  # a fake with the facade's methods
+    next(iter(stream))
+    stream.close()
+    assert bus._subscriptions == []
+
+
 def test_a_bad_tab_name_is_refused(port: int) -> None:
     for tab in ("a" * 41, "a%0Ab", "../x", "%C3%A9"):
         assert Listener(port, tab).response.status == 422

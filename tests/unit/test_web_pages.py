@@ -152,6 +152,11 @@ def test_the_first_load_is_small(client: FlaskClient, device: FakeDevice) -> Non
     assert total < FIRST_LOAD_BYTES
 
 
+def test_a_browser_finds_its_icon(client: FlaskClient) -> None:
+    for path in ("/favicon.ico", "/static/favicon.svg", "/static/icons.svg"):
+        assert client.get(path).mimetype == "image/svg+xml"
+
+
 def test_modules_the_page_preloads_exist(client: FlaskClient) -> None:
     for tag, attributes in Tags(client.get("/").text).tags:
         target = attributes.get("href") if tag == "link" else attributes.get("src")

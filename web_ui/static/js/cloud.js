@@ -43,11 +43,12 @@ export class CloudView {
   constructor(canvas, cloud) {
     this.canvas = canvas;
     this.cloud = cloud;
-    const points = cloud.points;
-    const range = [0, 1, 2].map((i) => points.reduce(([a, b], p) => [Math.min(a, p[i]), Math.max(b, p[i])], [Infinity, -Infinity]));
-    this.centre = range.map(([a, b]) => (a + b) / 2);
-    this.size = Math.max(...range.map(([a, b]) => b - a), 0.1);
     this.lines = cloud.cylinder ? wireframe(cloud.cylinder) : [];
+    // The cylinder fills the view where there is one: a few stray points far away must not shrink it to nothing.
+    const shown = this.lines.length ? this.lines.flat() : cloud.points;
+    const range = [0, 1, 2].map((i) => shown.reduce(([a, b], p) => [Math.min(a, p[i]), Math.max(b, p[i])], [Infinity, -Infinity]));
+    this.centre = range.map(([a, b]) => (a + b) / 2);
+    this.size = Math.max(...range.map(([a, b]) => b - a), 0.1) * 1.1;
     this.home();
     canvas.addEventListener("pointerdown", (event) => {
       this.last = [event.clientX, event.clientY];
@@ -107,6 +108,7 @@ export class CloudView {
     // Points off the wall differ by shape as well as by colour.
     cloud.points.forEach((p, index) => {
       const [x, y, depth] = project(p);
+      if (depth < 0.2) return; // behind the eye
       if (cloud.inlier[index]) {
         context.fillStyle = "#59c2ff";
         const side = Math.max(2, 6 / depth);

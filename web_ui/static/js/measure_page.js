@@ -98,7 +98,7 @@ function showLive() {
   const fresh = seen.live !== null && feed.link === "up" && frameAge() !== null && frameAge() < 2;
   const live = fresh ? seen.live : null;
   const level = live?.level ?? "none";
-  setData(document.querySelector(".readout"), "fresh", live?.diameter_mm ? "yes" : "no");
+  setData(document.querySelector(".readout"), "trusted", level === "good" || level === "fair" ? "yes" : "no");
   setText(byId("diameter"), millimetres(live?.diameter_mm));
   setText(byId("interval"), live?.interval_mm ? `${millimetres(live.interval_mm[0])} to ${millimetres(live.interval_mm[1])} mm (95 %)` : "no estimate");
   showGauge(live ? live.trust : null, level);
@@ -204,6 +204,11 @@ async function cancel() {
   }
 }
 
+// What to do about a measurement that failed; one that is saved says so on its own page.
+function onPrompt(prompt) {
+  if (!byId("failed").hidden) showFailure(byId("failed"), `${prompt.reason} ${prompt.remedy}`);
+}
+
 // --- wiring ---------------------------------------------------------------------------------------------------------------------
 
 byId("start").addEventListener("click", start);
@@ -212,6 +217,7 @@ byId("show-depth").addEventListener("click", () => showDepthOrColor("depth"));
 byId("show-color").addEventListener("click", () => showDepthOrColor("color"));
 feed.on("status", onStatus);
 feed.on("measurement", onMeasurement);
+feed.on("prompt", onPrompt);
 feed.on("link", showViews);
 feed.on("live", (live) => {
   seen.live = live;
