@@ -152,9 +152,11 @@ def linearise(
 
 def orthonormal_basis(axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two unit vectors (3, 2) orthogonal to ``axis``: to the right and downwards in the picture, as far as that is possible."""
-    right = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(axis, right)], axis=1)
+    x, y, z = (float(value) for value in axis)
+    across = max(float(np.hypot(y, z)), 1e-12)
+    right = (across, -x * y / across, -x * z / across)  # x with its share along the axis taken out
+    down = (0.0, z / across, -y / across)  # axis x right
+    return np.array([right, down]).T
 
 
 def tukey(scaled: NDArray[np.float64], limit: float = 4.0) -> NDArray[np.float64]:
@@ -199,8 +201,18 @@ def search(cloud: OrientedPoints, rng: np.random.Generator, known: Cylinder | No
     refined.sort(key=lambda cylinder: -wall_area(points, normals, sigma, cylinder))
     thinned = cloud if len(cloud) <= _REFINE_POINTS else cloud.take(rng.permutation(len(cloud))[:_REFINE_POINTS])
     sigma = noise_std(thinned.points, thinned.normals)
-    finals = [_polish(thinned, sigma, start) for start in [*refined[:3], *([] if known is None else [known])]]
+    starts = _distinct(refined)[:3] + ([] if known is None else [known])
+    finals = [_polish(thinned, sigma, start) for start in starts]
     return max(finals, key=lambda cylinder: wall_area(thinned.points, thinned.normals, sigma, cylinder))
+
+
+def _distinct(cylinders: list[Cylinder]) -> list[Cylinder]:
+    """The cylinders without those that refining would make the same as one before: 3 % in radius, 3 degrees in direction."""
+    kept: list[Cylinder] = []
+    for one in cylinders:
+        if all(abs(one.radius / other.radius - 1) > 0.03 or one.axis @ other.axis < 0.9986 for other in kept):
+            kept.append(one)
+    return kept
 
 
 def _polish(cloud: OrientedPoints, sigma: Array, start: Cylinder) -> Cylinder:
@@ -250,7 +262,8 @@ class CylinderFit:
     ``coverage``
     (rad) the angle around the axis where wall is seen, ``length`` (m) the wall seen along the axis, ``area`` see ``wall_area``,
     ``inside`` the share of points that stand free in the pipe between the wall and the axis, ``taper`` the
-    change of radius along the axis (m per m; 0 for a pipe, not for a cone), ``inlier_count`` the points on
+    change of radius along the axis (m per m; 0 for a pipe, not for a cone), ``roundness`` the share on the cylinder of all
+    that faces its axis, ``inlier_count`` the points on
     the wall.
     """
 
@@ -267,6 +280,7 @@ class CylinderFit:
     area: float
     inside: float
     taper: float
+    roundness: float
 
     @property
     def cylinder(self) -> Cylinder:
@@ -294,11 +308,12 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
     weight = tukey(residual / sigma[on_wall]) / sigma[on_wall] ** 2
     everything = cloud.points - anchor
     depth_in_pipe = everything @ cylinder.axis
-    free = np.linalg.norm(everything - depth_in_pipe[:, None] * cylinder.axis, axis=1) < cylinder.radius - np.minimum(
-        3 * sigma, 0.15 * cylinder.radius
-    )
+    rho = np.linalg.norm(everything - depth_in_pipe[:, None] * cylinder.axis, axis=1)
+    free = rho < cylinder.radius - np.minimum(3 * sigma, 0.15 * cylinder.radius)
     low, high = np.percentile(along, [2, 98])
     within = (depth_in_pipe > low) & (depth_in_pipe < high)
+    facing = radial_agreement(cloud.points, cloud.normals, cylinder) > _NORMAL_AGREEMENT
+    like_wall = within & facing & (rho > 0.6 * cylinder.radius) & (rho < 1.7 * cylinder.radius)
     _, sector_count = np.unique(sector, return_counts=True)
     return CylinderFit(
         axis=cylinder.axis,
@@ -314,6 +329,7 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
         area=wall_area(cloud.points, cloud.normals, sigma, cylinder),
         inside=float(np.mean(free & within)),
         taper=_taper(cloud, cylinder, anchor, sigma),
+        roundness=float(np.count_nonzero(on_wall & like_wall) / max(np.count_nonzero(like_wall), 1)),
     )
 
 

@@ -36,9 +36,10 @@ class Support:
     inside: float
     length: float
     taper: float
+    roundness: float
 
 
-NO_SUPPORT = Support(area=0.0, coverage=0.0, inlier_count=0.0, inside=0.0, length=0.0, taper=0.0)
+NO_SUPPORT = Support(area=0.0, coverage=0.0, inlier_count=0.0, inside=0.0, length=0.0, taper=0.0, roundness=0.0)
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,7 @@ def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -
             inside=_median([fit.inside for _, fit in fits]),
             length=_median([fit.length for _, fit in fits]),
             taper=_median([abs(fit.taper) for _, fit in fits]),
+            roundness=_median([fit.roundness for _, fit in fits]),
         ),
         typical=typical,
     )

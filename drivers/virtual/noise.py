@@ -173,7 +173,7 @@ class TimeOfFlightCamera:
 
 
 def _millimetres(depth: Array) -> NDArray[np.uint16]:
-    return np.asarray(np.clip(depth / UNIT_M, 0, 65535), np.uint16)
+    return np.asarray(np.clip(np.rint(depth / UNIT_M), 0, 65535), np.uint16)
 
 
 def _enlarge(values: Array, size: tuple[int, int]) -> Array:
