@@ -32,6 +32,7 @@ PROMPTS = {
             "The camera does not look along the pipe.",
             "Turn the box until the pipe is round in the picture, with wall on all sides.",
         ),
+        Prompt("shape", "The pipe is not round here.", "Measure at a sound place, or order the lining by width and height."),
         Prompt(
             "motion",
             "The box moved during the measurement.",

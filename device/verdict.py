@@ -37,6 +37,7 @@ class Thresholds:
     max_half_interval_mm: float
     max_inside: float
     max_taper: float
+    min_roundness: float
 
 
 @cache
@@ -48,8 +49,8 @@ def shipped() -> tuple[Thresholds, ErrorModel]:
 
 
 def reasons_to_refuse(recording: RecordingEstimate, thresholds: Thresholds) -> tuple[str, ...]:
-    """Reason codes, the weightiest first; none means accept. Codes: no_pipe few_points aim motion unstable wide_interval
-    water."""
+    """Reason codes, the weightiest first; none means accept. Codes: no_pipe few_points unstable
+    water aim shape motion wide_interval."""
     t = thresholds
     blind = "few_points" if recording.valid_share < _BLIND_SHARE else "no_pipe"
     if recording.fitted == 0:
@@ -74,6 +75,7 @@ def reasons_to_refuse(recording: RecordingEstimate, thresholds: Thresholds) -> t
         ),
         ("water", blocked),
         ("aim", coverage_deg < t.min_coverage_deg or recording.proxies["orientation"][0] < t.min_orientation),
+        ("shape", recording.support.roundness < t.min_roundness),
         ("motion", 1000 * recording.sway > t.max_sway_mm),
         ("wide_interval", 500 * (high - low) > t.max_half_interval_mm),
     )

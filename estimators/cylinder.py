@@ -329,7 +329,7 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
         area=wall_area(cloud.points, cloud.normals, sigma, cylinder),
         inside=float(np.mean(free & within)),
         taper=_taper(cloud, cylinder, anchor, sigma),
-        roundness=float(np.count_nonzero(on_wall & like_wall) / max(np.count_nonzero(like_wall), 1)),
+        roundness=float(on_wall[like_wall].mean()) if like_wall.any() else 0.0,
     )
 
 

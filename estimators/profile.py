@@ -52,7 +52,7 @@ def cross_section(cloud: OrientedPoints, fit: CylinderFit) -> Profile:
     across, inward = _unrolled(cloud, fit)
     rho = np.hypot(across[:, 0], across[:, 1])
     water = _chord(across, inward, rho, fit.radius)
-    wall = (np.abs(rho - fit.radius) < 0.25 * fit.radius) & (-np.einsum("ij,ij->i", across, inward) > 0.8 * rho)
+    wall = (rho > 0.6 * fit.radius) & (rho < 1.7 * fit.radius) & (-np.einsum("ij,ij->i", across, inward) > 0.8 * rho)
     if water is not None:
         down = np.array([np.cos(water.angle), np.sin(water.angle)])
         wall &= across @ down < water.height - 0.02 * fit.radius
@@ -108,7 +108,7 @@ def _fourier(
     penalty = np.diag(_SHRINK * even.sum() * np.r_[0.0, np.repeat(np.arange(1, HARMONICS + 1) ** 2, 2)])
     residual = rho - radius
     for _ in range(4):
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.005 * radius)
         weighted = matrix * (even * tukey(residual / scale))[:, None]
         solution = np.linalg.solve(weighted.T @ matrix + penalty + 1e-9 * np.eye(matrix.shape[1]), weighted.T @ (rho - radius))
         residual = rho - radius - matrix @ solution

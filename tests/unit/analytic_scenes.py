@@ -63,3 +63,10 @@ def cone(radius: float, taper: float, intrinsics: Intrinsics = D435) -> NDArray[
     """Depth (H, W) inside a cone about the z axis whose radius is ``radius`` at z = 0 and shrinks by ``taper`` a metre."""
     grid = rays(intrinsics).astype(np.float64)
     return radius / (np.hypot(grid[..., 0], grid[..., 1]) + taper)
+
+
+def ellipse(a: float, b: float, end_wall: float = 1.6) -> NDArray[np.float64]:
+    """Depth (H, W) inside a straight pipe about the z axis with half axes ``a`` (across) and ``b`` (upright)."""
+    grid = rays(D435).astype(np.float64)
+    with np.errstate(divide="ignore"):
+        return np.minimum(1 / np.hypot(grid[..., 0] / a, grid[..., 1] / b), end_wall)

@@ -2,20 +2,13 @@ import numpy as np
 import pytest
 
 from estimators.frame import estimate_frame
-from estimators.pinhole import rays
-from tests.unit.analytic_scenes import D435, UNIT_M, cylinder, plane, to_depth
+from tests.unit.analytic_scenes import D435, UNIT_M, cylinder, ellipse, plane, to_depth
 
 
 def profile_of(z: np.ndarray, noise: float = 0.003):
     estimate = estimate_frame(to_depth(z, noise), D435, UNIT_M)
     assert estimate.profile is not None
     return estimate.profile
-
-
-def ellipse(a: float, b: float) -> np.ndarray:
-    grid = rays(D435).astype(float)
-    with np.errstate(divide="ignore"):
-        return np.minimum(1 / np.hypot(grid[..., 0] / a, grid[..., 1] / b), 1.6)
 
 
 def test_round_pipe_is_round() -> None:

@@ -9,7 +9,7 @@ from device.verdict import reasons_to_refuse, shipped
 from estimators.frame import FrameEstimate, estimate_frame
 from estimators.picture import PictureQuality
 from estimators.recording import combine
-from tests.unit.analytic_scenes import D435, UNIT_M, cone, cylinder, plane, to_depth
+from tests.unit.analytic_scenes import D435, UNIT_M, cone, cylinder, ellipse, plane, to_depth
 
 
 def frames_of(z: np.ndarray, count: int = 6, noise: float = 0.006) -> list[FrameEstimate]:
@@ -42,8 +42,9 @@ def test_a_good_recording_is_accepted(good: list[FrameEstimate]) -> None:
         (np.full((480, 848), np.inf), {"few_points"}),
         (plane((0.0, 0.0, 1.0), 0.8), {"no_pipe", "few_points"}),
         (cone(0.3, 0.2), {"unstable", "no_pipe"}),
+        (ellipse(0.23, 0.17), {"shape"}),
     ],
-    ids=["blind", "wall", "cone"],
+    ids=["blind", "wall", "cone", "ellipse"],
 )
 def test_what_is_no_pipe_is_refused_with_its_reason(scene: np.ndarray, reasons: set[str]) -> None:
     result = diameter_result(frames_of(scene, 5), PipeContext())
@@ -65,6 +66,7 @@ def test_each_threshold_refuses_by_itself(good: list[FrameEstimate]) -> None:
         ({"max_sway_mm": -1.0}, "motion"),
         ({"max_half_interval_mm": 0.0}, "wide_interval"),
         ({"max_inside": -1.0}, "water"),
+        ({"min_roundness": 1.01}, "shape"),
     ):
         assert reasons_to_refuse(recording, dataclasses.replace(thresholds, **change)) == (reason,), change
 
