@@ -58,6 +58,10 @@ class VirtualSewer:
                 material[np.abs(chainage - np.float32(joint.chainage)) < joint.width / 2] = JOINT
             mouth = np.where(dz > 0, -oz / dz, np.inf)
             outside = chainage < 0
+            if oz < 0 and np.hypot(ox, oy) >= self.profile.radius(np.arctan2(oy, ox)):
+                # seen from beside the mouth, a ray may meet the wall's far side without having come in by the mouth
+                mouth_x, mouth_y = ox + mouth * dx, oy + mouth * dy
+                outside |= ~(np.hypot(mouth_x, mouth_y) < self.profile.radius(np.arctan2(mouth_y, mouth_x)))
             depth = np.where(outside, np.where(mouth > 0, mouth, np.inf), depth)
             material[outside] = CHAMBER
             end = np.where(dz > 0, (np.float32(self.length) - oz) / dz, np.inf)
