@@ -127,7 +127,8 @@ class CameraReader:
                 beyond_help = self._missing or openings >= self._timing.openings_before_reset
                 self._sink.become(self, "lost" if beyond_help else "degraded", _sentence(fault) or _LOST_SENTENCE)
             except Exception:  # a driver's own bug or its native code: it costs a reopening, never the daemon
-                log.exception("%s: its driver failed in an unexpected way", self.name)
+                if openings == 0:  # the trace once; how often it happens again is in the count of reconnects
+                    log.exception("%s: its driver failed in an unexpected way", self.name)
                 self._sink.become(self, "lost", _LOST_SENTENCE)
             self._close()
             if self._sink.wanted(self) and not self.finished:

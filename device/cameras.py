@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,9 @@ def feeds(settings: Settings, on_change: Callable[[], None]) -> list[CameraFeed]
     found: list[CameraFeed] = []
     for kind in settings.cameras:
         arguments = _arguments(kind, settings)
-        for index in range(settings.virtual_cameras if kind == "virtual" else 1):
-            name = kind if all(feed.name != kind for feed in found) else f"{kind} {index + 1}"
-            make = _maker(kind, index, arguments, settings)
+        names = ("virtual stereo", "virtual time of flight")[: settings.virtual_cameras] if kind == "virtual" else (kind,)
+        for index, name in enumerate(names):
+            make = partial(_make, kind, index, arguments, settings)
             found.append(CameraFeed(name, kind, make, recorded=kind == "replay", on_change=on_change))
     return found
 
@@ -71,7 +72,14 @@ def _arguments(kind: str, settings: Settings) -> dict[str, Any]:
         _check_recording(settings.replay)
         return {"source": settings.replay, "loop": True}
     if kind == "virtual":
-        return {"seed": settings.virtual_seed, "cameras": settings.virtual_cameras}
+        arguments = {
+            "seed": settings.virtual_seed,
+            "cameras": settings.virtual_cameras,
+            "description": settings.virtual_description,
+        }
+        if settings.virtual_description is not None:
+            _check_description(arguments)
+        return arguments
     return {}
 
 
@@ -87,11 +95,16 @@ def _check_recording(source: Path) -> None:
         raise Invalid(str(error)) from None
 
 
-def _maker(kind: str, index: int, arguments: dict[str, Any], settings: Settings) -> Callable[[], DepthCamera]:
-    def make() -> DepthCamera:
-        camera = open_depth_cameras(kind, **arguments)[index]
-        if kind == "replay" and settings.replay is not None and settings.replay.is_dir():
-            return HeldReplay(camera, settings.replay_hold_s, settings.replay_hz)
-        return camera
+def _check_description(arguments: dict[str, Any]) -> None:
+    """A virtual pipe that cannot be is the operator's slip too."""
+    try:
+        open_depth_cameras("virtual", **arguments)
+    except DriverError as error:
+        raise Invalid(str(error)) from None
 
-    return make
+
+def _make(kind: str, index: int, arguments: dict[str, Any], settings: Settings) -> DepthCamera:
+    camera = open_depth_cameras(kind, **arguments)[index]
+    if kind == "replay" and settings.replay is not None and settings.replay.is_dir():
+        return HeldReplay(camera, settings.replay_hold_s, settings.replay_hz)
+    return camera

@@ -83,6 +83,9 @@ def camera_options(command: F) -> F:
             help="Use this camera; name two to use both at once.",
         ),
         click.option("--tof", is_flag=True, help="With --virtual: a time-of-flight camera beside the stereo one."),
+        click.option(
+            "--description", type=click.Path(path_type=Path), help="With --virtual: JSON file of the sewer and its faults."
+        ),
         click.option("--virtual", is_flag=True, help="Look into the virtual sewer."),
         click.option("--replay", type=click.Path(path_type=Path), help="Play a folder with a manifest, a .db3 or a .bag."),
     ):
@@ -90,16 +93,18 @@ def camera_options(command: F) -> F:
     return command
 
 
-def chosen_cameras(virtual: bool, replay: Path | None, cameras: tuple[str, ...], tof: bool) -> dict[str, Any]:
+def chosen_cameras(
+    virtual: bool, tof: bool, description: Path | None, replay: Path | None, cameras: tuple[str, ...]
+) -> dict[str, Any]:
     """The camera options as settings; empty where none was given. Raises Invalid for a mixture."""
     if sum((virtual, replay is not None, bool(cameras))) > 1:
         raise Invalid("Choose one of --virtual, --replay and --camera.")
-    if tof and not virtual:
-        raise Invalid("The option --tof goes with --virtual.")
+    if (tof or description is not None) and not virtual:
+        raise Invalid(f"The option {'--tof' if tof else '--description'} goes with --virtual.")
     if len(set(cameras)) < len(cameras):
         raise Invalid("The same --camera was named twice.")
     if virtual:
-        return {"cameras": ("virtual",), "virtual_cameras": 2 if tof else 1}
+        return {"cameras": ("virtual",), "virtual_cameras": 2 if tof else 1, "virtual_description": description}
     if replay is not None:
         return {"cameras": ("replay",), "replay": replay}
     return {"cameras": cameras} if cameras else {}

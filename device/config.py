@@ -47,6 +47,9 @@ class Settings(BaseModel):
     virtual_cameras: int = Field(1, ge=1, le=2)
     """With ``virtual``: 1 for active stereo, 2 for a time-of-flight camera beside it."""
     virtual_seed: int = Field(1, ge=0)
+    """Which pipe the virtual sewer draws."""
+    virtual_description: Path | None = None
+    """JSON file that describes the virtual sewer instead, with its faults."""
 
 
 def load_settings(file: Path | None = None, **given: Any) -> Settings:

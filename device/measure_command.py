@@ -42,6 +42,7 @@ FIRST_FRAME_S = 30.0
 def measure(
     virtual: bool,
     tof: bool,
+    description: Path | None,
     replay: Path | None,
     cameras: tuple[str, ...],
     data_dir: Path | None,
@@ -51,7 +52,7 @@ def measure(
     frames: int | None,
 ) -> int:
     """Measure the diameter of a pipe."""
-    chosen = chosen_cameras(virtual, replay, cameras, tof)
+    chosen = chosen_cameras(virtual, tof, description, replay, cameras)
     if not chosen:
         raise Invalid("Say what to measure with: --virtual, --replay or --camera.")
     if replay is not None:

@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 def serve(
     virtual: bool,
     tof: bool,
+    description: Path | None,
     replay: Path | None,
     cameras: tuple[str, ...],
     data_dir: Path | None,
@@ -33,7 +34,7 @@ def serve(
     port: int | None,
 ) -> None:
     """Run the box: read the cameras, serve the page."""
-    chosen = chosen_cameras(virtual, replay, cameras, tof)
+    chosen = chosen_cameras(virtual, tof, description, replay, cameras)
     settings = load_settings(config, data_dir=data_dir, host=host, port=port, **chosen)
     device = Device(settings)
     try:
