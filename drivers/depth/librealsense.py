@@ -10,6 +10,7 @@ import logging
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ log = logging.getLogger(__name__)
 START_SECONDS = 30.0
 """An OAK camera boots its firmware at every start, some 5 s over USB 2; librealsense itself waits 5 s for a device."""
 STOP_SECONDS = 5.0
+HANG_SECONDS = 1.0
+"""How long after its own timeout a wait for frames counts as hung."""
 PLAYBACK_SLICE_S = 0.1
 """How often the end of a recording is looked for: librealsense announces it by silence."""
 
@@ -240,8 +243,15 @@ class LibrealsenseCamera(DepthCamera):
             if remaining <= 0:
                 raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:g} s.")
             slice_s = remaining if session.playback is None else min(remaining, PLAYBACK_SLICE_S)
+            timeout_ms = max(1, round(slice_s * 1000))
             try:
-                return session.pipeline.wait_for_frames(max(1, round(slice_s * 1000)))
+                if session.playback is not None:
+                    return session.pipeline.wait_for_frames(timeout_ms)
+                return call_within(
+                    slice_s + HANG_SECONDS,
+                    partial(session.pipeline.wait_for_frames, timeout_ms),
+                    f"The {self.name} hangs: unplug it and plug it in again.",
+                )
             except RuntimeError as error:
                 if "didn't arrive" not in str(error):
                     raise SensorLost(f"The {self.name} is gone: {error}.") from error

@@ -242,6 +242,15 @@ def test_a_library_call_that_hangs_does_not_hang_the_driver(monkeypatch: pytest.
     assert stopped.wait(5.0), "a pipeline that starts too late must be stopped, or it keeps the camera"
 
     release.clear()
+    monkeypatch.setattr(librealsense, "HANG_SECONDS", 0.2)
+    camera = _opened(wait=lambda ms: hang())
+    started = time.monotonic()
+    with pytest.raises(SensorLost, match="hangs"):
+        camera.read(0.1)
+    assert time.monotonic() - started < 2.0
+    release.set()
+
+    release.clear()
     camera = _opened(stop=hang)
     started = time.monotonic()
     camera.close()
