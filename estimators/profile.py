@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.cylinder import CylinderFit, orthonormal_basis, tukey
+from estimators.cylinder import CylinderFit, orthonormal_basis
+from estimators.cylinder.refinement import tukey
 from estimators.pointcloud import OrientedPoints
 
 HARMONICS = 4

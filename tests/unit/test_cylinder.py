@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimators.cylinder import Cylinder, assess, linearise, orthonormal_basis, search
+from estimators.cylinder import Cylinder, assess, orthonormal_basis, search
+from estimators.cylinder.refinement import linearise
 from estimators.pointcloud import oriented_points
 from tests.unit.analytic_scenes import D435, SMALL, UNIT_M, cone, cylinder, plane, to_depth
 

@@ -1,0 +1,122 @@
+"""How well a cloud supports a cylinder: the proxies of the paper and what else tells a pipe from what only looks like one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.cylinder.geometry import NORMAL_AGREEMENT, Array, Cylinder, inliers, noise_std, radial_agreement, wall_area
+from estimators.cylinder.refinement import FEWEST_POINTS, linearise, tukey
+from estimators.pointcloud import OrientedPoints
+
+_SECTORS = 36
+
+
+@dataclass(frozen=True)
+class CylinderFit:
+    """A cylinder and how well the cloud supports it.
+
+    ``radius_std`` (m) comes from the covariance of the fit, with points that lie in one patch of wall taken as one witness.
+    ``inlier_share`` and ``mse`` (m^2, the square that eq. 7 is called for) are the paper's proxies, ``orientation`` is eq. 9,
+    ``coverage``
+    (rad) the angle around the axis where wall is seen, ``length`` (m) the wall seen along the axis, ``area`` see ``wall_area``,
+    ``inside`` the share of points that stand free in the pipe between the wall and the axis, ``taper`` the
+    change of radius along the axis (m per m; 0 for a pipe, not for a cone), ``roundness`` the share on the cylinder of all
+    that faces its axis, ``inlier_count`` the points on
+    the wall.
+    """
+
+    axis: NDArray[np.float64]
+    point: NDArray[np.float64]
+    radius: float
+    radius_std: float
+    inlier_share: float
+    inlier_count: int
+    mse: float
+    orientation: float
+    coverage: float
+    length: float
+    area: float
+    inside: float
+    taper: float
+    roundness: float
+
+    @property
+    def cylinder(self) -> Cylinder:
+        """The bare geometry."""
+        return Cylinder(self.axis, self.point, self.radius)
+
+
+def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
+    """Statistics of ``cylinder`` on the whole ``cloud``; None where fewer than a dozen points lie on it."""
+    sigma = noise_std(cloud.points, cloud.normals)
+    on_wall = inliers(cloud.points, cloud.normals, sigma, cylinder)
+    if np.count_nonzero(on_wall) < FEWEST_POINTS:
+        return None
+    points = cloud.points[on_wall].astype(np.float64)
+    residual, jacobian, basis, anchor = linearise(points, cylinder.axis, cylinder.point, cylinder.radius)
+    offset = points - anchor
+    along = offset @ cylinder.axis
+    across = offset @ basis
+    angle = np.arctan2(across[:, 1], across[:, 0])
+    sector = np.floor(angle * (_SECTORS / (2 * np.pi))).astype(np.int64)
+    patch = np.floor(angle * (12 / np.pi)).astype(np.int64) + 1000 * np.floor(along * (2 / cylinder.radius)).astype(np.int64)
+    weight = tukey(residual / sigma[on_wall]) / sigma[on_wall] ** 2
+    everything = cloud.points - anchor
+    depth_in_pipe = everything @ cylinder.axis
+    rho = np.linalg.norm(everything - depth_in_pipe[:, None] * cylinder.axis, axis=1)
+    free = rho < cylinder.radius - np.minimum(3 * sigma, 0.15 * cylinder.radius)
+    low, high = np.percentile(along, [2, 98])
+    within = (depth_in_pipe > low) & (depth_in_pipe < high)
+    facing = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
+    like_wall = within & facing & (rho > 0.6 * cylinder.radius) & (rho < 1.7 * cylinder.radius)
+    _, sector_count = np.unique(sector, return_counts=True)
+    return CylinderFit(
+        axis=cylinder.axis,
+        point=anchor,
+        radius=cylinder.radius,
+        radius_std=_clustered_radius_std(residual, jacobian, weight, patch),
+        inlier_share=float(on_wall.mean()),
+        inlier_count=int(on_wall.sum()),
+        mse=float(np.mean(residual**2)),
+        orientation=float(cylinder.axis[2]),
+        coverage=float(np.count_nonzero(sector_count >= 3) * (2 * np.pi / _SECTORS)),
+        length=float(high - low),
+        area=wall_area(cloud.points, cloud.normals, sigma, cylinder),
+        inside=float(np.mean(free & within)),
+        taper=_taper(cloud, cylinder, anchor, sigma),
+        roundness=float(on_wall[like_wall].mean()) if like_wall.any() else 0.0,
+    )
+
+
+def _taper(cloud: OrientedPoints, cylinder: Cylinder, anchor: NDArray[np.float64], sigma: Array) -> float:
+    """Change of radius along the axis (m per m), by one robust step with a sixth parameter and with room for a wall that is
+    not parallel."""
+    near = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
+    points = cloud.points[near].astype(np.float64)
+    residual, jacobian, _, middle = linearise(points, cylinder.axis, anchor, cylinder.radius)
+    jacobian = np.concatenate([jacobian, -((points - middle) @ cylinder.axis)[:, None]], axis=1)
+    spread = np.maximum(3.0 * sigma[near], 0.05 * cylinder.radius)
+    correction = np.zeros(6)
+    for _ in range(3):
+        left = residual + jacobian @ correction
+        weighted = jacobian * (tukey(left / spread) / spread**2)[:, None]
+        correction = -np.linalg.pinv(weighted.T @ jacobian) @ (weighted.T @ residual)
+    return float(correction[5])
+
+
+def _clustered_radius_std(
+    residual: NDArray[np.float64], jacobian: NDArray[np.float64], weight: NDArray[np.float64], patch: NDArray[np.int64]
+) -> float:
+    """Standard deviation of the radius by the cluster-robust sandwich: neighbouring errors of a depth camera are not
+    independent."""
+    gradient = jacobian * (weight * residual)[:, None]
+    _, cluster = np.unique(patch, return_inverse=True)
+    count = int(cluster.max()) + 1
+    sums = np.stack([np.bincount(cluster, gradient[:, k], count) for k in range(5)], axis=1)
+    bread = np.linalg.pinv((jacobian * weight[:, None]).T @ jacobian)
+    inflation = count / max(count - 5, 1)
+    covariance = bread @ (sums.T @ sums) @ bread * inflation
+    return float(np.sqrt(max(covariance[4, 4], 0.0)))

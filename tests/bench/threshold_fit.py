@@ -1,0 +1,199 @@
+"""Fit the thresholds of the verdict and the error model of the interval, and say how they do on data that they were not
+fitted on.
+
+Virtual campaigns give recordings with a known truth; recordings of real pipes add single frames. The cost of accepting a
+wrong number
+is COST_FALSE_ACCEPT times that of refusing a right one. Ties, which such a cost leaves wide, are settled by the middle of the
+gap
+between the right ones and the wrong ones.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+from device.campaign import BANDS_MM, Outcome, load, with_errors
+from device.surveys.diameter_result import SINGLE_FRAME_RESAMPLES
+from device.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
+from estimators.frame import estimate_frame
+from estimators.recording import MIN_FRAMES_FOR_SPREAD, ErrorModel, RecordingEstimate, combine
+from tests.bench.real_data import TOLERANCE_M, RealFrame, distance_outside, real_frames
+
+COST_FALSE_ACCEPT = 1000.0
+FOLDS = 5
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One measurement with its truth; ``group`` keeps what belongs together (a pipe, a recording) in one fold."""
+
+    estimate: RecordingEstimate
+    right: bool
+    group: str
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One fitted threshold: the field, what it is compared with, and whether larger is worse."""
+
+    field: str
+    value: Callable[[RecordingEstimate], float]
+    upper: bool
+    few_frames: bool | None = None
+    """True: only for recordings too short to show a spread; False: only for the others; None: for all."""
+
+    def applies(self, estimate: RecordingEstimate) -> bool:
+        """Whether this gate judges ``estimate``."""
+        return self.few_frames is None or self.few_frames == (estimate.fitted < MIN_FRAMES_FOR_SPREAD)
+
+
+GATES = (
+    Gate("max_radius_std_frames_mm", lambda e: 1000 * e.radius_std, True, False),
+    Gate("max_radius_std_resampled_mm", lambda e: 1000 * e.radius_std, True, True),
+    Gate("max_taper", lambda e: e.support.taper, True),
+    Gate("min_roundness", lambda e: e.support.roundness, False),
+    Gate("min_area", lambda e: e.support.area, False),
+    Gate("min_inliers", lambda e: e.support.inlier_count, False),
+    Gate("min_inlier_share", lambda e: e.proxies["inlier_share"][0], False),
+    Gate("min_coverage_deg", lambda e: math.degrees(e.support.coverage), False),
+)
+"""Fitted in this order, the paper's best proxy first. What is not here (tilt, sway, half interval, free points) is set by
+reasoning."""
+
+
+def cost(samples: Sequence[Judged], thresholds: Thresholds) -> tuple[float, int, int]:
+    """Cost, and the counts of wrong ones accepted and right ones refused."""
+    false_accepts = false_refusals = 0
+    for sample in samples:
+        accepted = not reasons_to_refuse(sample.estimate, thresholds)
+        false_accepts += accepted and not sample.right
+        false_refusals += sample.right and not accepted
+    return COST_FALSE_ACCEPT * false_accepts + false_refusals, false_accepts, false_refusals
+
+
+def fit(samples: Sequence[Judged], start: Thresholds) -> Thresholds:
+    """One gate after the other, each the cheapest given the others; two rounds settle it."""
+    thresholds = start
+    for _ in range(2):
+        for gate in GATES:
+            thresholds = _fit_gate(samples, thresholds, gate)
+    return thresholds
+
+
+def _fit_gate(samples: Sequence[Judged], thresholds: Thresholds, gate: Gate) -> Thresholds:
+    concerned = [s for s in samples if s.estimate.fitted and gate.applies(s.estimate)]
+    open_gate = replace(thresholds, **{gate.field: math.inf if gate.upper else -math.inf})
+    passing = [s for s in concerned if not reasons_to_refuse(s.estimate, open_gate)]
+    right = sorted(gate.value(s.estimate) for s in passing if s.right)
+    wrong = sorted(gate.value(s.estimate) for s in passing if not s.right)
+    if not wrong or not right:
+        return thresholds  # nothing that only this gate could stop: it stays where reasoning put it
+    sign = 1.0 if gate.upper else -1.0
+    worst_right, best_wrong = sign * np.sort(sign * np.array(right)), sign * np.sort(sign * np.array(wrong))
+    candidates = sorted({*worst_right, *best_wrong}, key=lambda v: sign * v)
+
+    def price(limit: float) -> float:
+        accepted_wrong = sum(sign * v <= sign * limit for v in wrong)
+        return COST_FALSE_ACCEPT * accepted_wrong + sum(sign * v > sign * limit for v in right)
+
+    prices = [price(candidate) for candidate in candidates]
+    cheapest = int(np.argmin(prices))
+    limit = candidates[cheapest]
+    beyond = [v for v in best_wrong if sign * v > sign * limit]
+    if beyond:
+        limit = math.sqrt(limit * beyond[0]) if limit > 0 and beyond[0] > 0 else 0.5 * (limit + beyond[0])
+    return replace(thresholds, **{gate.field: float(f"{limit:.3g}")})
+
+
+def cross_validate(samples: Sequence[Judged], start: Thresholds, seed: int = 0) -> tuple[int, int, int]:
+    """Wrong ones accepted, right ones refused and samples over FOLDS, each judged by thresholds fitted on the other folds."""
+    groups = sorted({sample.group for sample in samples})
+    fold_of = dict(zip(np.random.default_rng(seed).permutation(groups), np.arange(len(groups)) % FOLDS, strict=True))
+    accepts = refusals = 0
+    for fold in range(FOLDS):
+        trained = fit([s for s in samples if fold_of[s.group] != fold], start)
+        _, wrong, refused = cost([s for s in samples if fold_of[s.group] == fold], trained)
+        accepts, refusals = accepts + wrong, refusals + refused
+    return accepts, refusals, len(samples)
+
+
+def fit_error_model(outcomes: Sequence[Outcome], start: ErrorModel) -> ErrorModel:
+    """``fit_factor`` and ``floor`` whose 95 % interval covers nearest to 95.5 % in every band; ``scale_std`` is the camera's
+    and stays."""
+    sound = [o for o in outcomes if o.right]
+    grid = [
+        replace(start, fit_factor=factor, floor=floor)
+        for factor in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
+        for floor in (0.0, 0.0001, 0.0002, 0.0003, 0.0004, 0.0006)
+    ]
+    return min(grid, key=lambda model: max(abs(share - 0.955) for share in coverage(sound, model).values()))
+
+
+def coverage(outcomes: Sequence[Outcome], errors: ErrorModel) -> dict[str, float]:
+    """Share of truths inside the interval per band of diameter with at least 20 recordings."""
+    shares = {}
+    again = with_errors(outcomes, errors)
+    for low, high in itertools.pairwise(BANDS_MM):
+        band = [o for o in again if low < 1000 * o.truth <= high]
+        if len(band) >= 20:
+            shares[f"{low}-{high}"] = float(
+                np.mean([o.estimate.interval[0] <= o.truth <= o.estimate.interval[1] for o in band])
+            )
+    return shares
+
+
+@click.command()
+@click.argument("campaigns", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write the thresholds here (JSON).")
+def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
+    """Fit the verdict on saved CAMPAIGNS (virtual-campaign --save) and on the real frames in BORESCOUT_DATA."""
+    start, errors = shipped()
+    outcomes = [outcome for path in campaigns for outcome in load(path)]
+    errors = fit_error_model(outcomes, errors)
+    virtual = [Judged(o.estimate, o.right, f"{o.seed}/{o.pipe_id}") for o in with_errors(outcomes, errors)]
+    real = [_judge(frame, errors) for frame in real_frames()]
+    samples = [*virtual, *real]
+    wrong = sum(not s.right for s in samples)
+    print(
+        f"{len(virtual)} virtual recordings, {len(real)} real frames; {wrong} of them wrong by more than {TOLERANCE_MM:.0f} mm"
+    )
+    accepts, refusals, count = cross_validate(samples, start)
+    print(f"{FOLDS}-fold cross-validation: {accepts} wrong accepted, {refusals} right refused, of {count}")
+    thresholds = fit(samples, start)
+    for name, part in (("virtual", virtual), ("real", real)):
+        _, accepts, refusals = cost(part, thresholds)
+        print(f"Fitted, on {name}: {accepts} wrong accepted, {refusals} right refused, of {len(part)}")
+    print(
+        "Coverage of the 95 % interval: " + ", ".join(f"{k} mm {100 * v:.1f} %" for k, v in coverage(outcomes, errors).items())
+    )
+    seeds = sorted({o.seed for o in outcomes})
+    data = {
+        "fitted_by": f"tests/bench/threshold_fit.py, on virtual campaigns {seeds[0]} to {seeds[-1]} with "
+        f"{outcomes[0].estimate.frames} frames a recording and on {len(real)} real frames",
+        **asdict(thresholds),
+        "scale_std": errors.scale_std,
+        "fit_factor": errors.fit_factor,
+        "floor_mm": round(1000 * errors.floor, 3),
+    }
+    print(json.dumps(data, indent=2))
+    if out is not None:
+        out.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+
+
+def _judge(real: RealFrame, errors: ErrorModel) -> Judged:
+    frame = estimate_frame(real.depth, real.intrinsics, real.depth_unit_m, resamples=SINGLE_FRAME_RESAMPLES)
+    estimate = combine([frame], errors)
+    right = distance_outside(frame.diameter, real.truth_m) <= TOLERANCE_M
+    return Judged(estimate, right, real.name.rsplit("/", 1)[0])
+
+
+if __name__ == "__main__":
+    main()
