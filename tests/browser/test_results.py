@@ -41,7 +41,7 @@ def test_the_cloud_comes_when_asked_for_and_turns(screen: Watched, device: FakeD
     screen.page.on("request", lambda request: asked.append(request.url))
     page = screen.open(f"/surveys/{device.add_survey(None, None, 'top', 'accept')}")
     page.wait_for_load_state("networkidle")
-    assert not [url for url in asked if "cloud" in url and "icons" not in url]
+    assert not [url for url in asked if "cloud" in url]
     page.get_by_role("button", name="Show the point cloud").click()
     canvas = page.locator("#cloud canvas")
     expect(canvas).to_be_focused()

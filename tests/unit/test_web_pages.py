@@ -153,7 +153,7 @@ def test_the_first_load_is_small(client: FlaskClient, device: FakeDevice) -> Non
 
 
 def test_a_browser_finds_its_icon(client: FlaskClient) -> None:
-    for path in ("/favicon.ico", "/static/favicon.svg", "/static/icons.svg"):
+    for path in ("/favicon.ico", "/static/favicon.svg"):
         assert client.get(path).mimetype == "image/svg+xml"
 
 

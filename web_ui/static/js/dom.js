@@ -19,11 +19,11 @@ export function html(tag, attributes = {}, children = []) {
 }
 
 export const icon = (name) =>
-  svg("svg", { class: "icon", "aria-hidden": "true", focusable: "false" }, [svg("use", { href: `/static/icons.svg#${name}` })]);
+  svg("svg", { class: "icon", "aria-hidden": "true", focusable: "false" }, [svg("use", { href: `#icon-${name}` })]);
 
 export function setIcon(parent, name) {
   const use = parent.querySelector("use");
-  const href = `/static/icons.svg#${name}`;
+  const href = `#icon-${name}`;
   if (use.getAttribute("href") !== href) use.setAttribute("href", href);
 }
 
@@ -41,6 +41,11 @@ export const announce = (text) => setText(byId("announce"), text);
 export function showFailure(element, message) {
   element.hidden = !message;
   setText(element, message ?? "");
+}
+
+// Buttons that would do nothing before their module runs are served disabled; a tap on a slow link is then seen to wait.
+export function wake() {
+  for (const element of document.querySelectorAll("[data-waits]")) element.disabled = false;
 }
 
 export const data = (id) => JSON.parse(byId(id).textContent);

@@ -1,7 +1,7 @@
 // The history: local times, the filter without its button, undo of a deletion.
 
 import { ask } from "./api.js";
-import { byId, html, localTimes } from "./dom.js";
+import { byId, html, localTimes, wake } from "./dom.js";
 import { startShell } from "./shell.js";
 
 startShell();
@@ -18,3 +18,4 @@ undo?.querySelector("button").addEventListener("click", async (event) => {
     undo.replaceChildren(html("p", { class: "failed", role: "alert" }, error.message));
   }
 });
+wake();

@@ -1,7 +1,7 @@
 // The measuring page: aim, see, press, wait.
 
 import { ask } from "./api.js";
-import { announce, byId, setData, setIcon, setText, showFailure } from "./dom.js";
+import { announce, byId, setData, setIcon, setText, showFailure, wake } from "./dom.js";
 import { gauge } from "./gauge.js";
 import { drawOverlay } from "./overlay.js";
 import { PicturePoller, viewState } from "./picture.js";
@@ -238,3 +238,4 @@ new PicturePoller(byId("color"), "color", {
 }).run();
 setInterval(showViews, 250);
 showViews();
+wake();

@@ -3,7 +3,7 @@
 import { ask } from "./api.js";
 import { boxPlot } from "./box_plot.js";
 import { crossSection } from "./cross_section.js";
-import { announce, byId, data, html, localTimes, showFailure } from "./dom.js";
+import { announce, byId, data, html, localTimes, showFailure, wake } from "./dom.js";
 import { PicturePoller } from "./picture.js";
 import { startShell } from "./shell.js";
 
@@ -122,3 +122,4 @@ if (result) {
   byId("answer-form").addEventListener("submit", answer);
   if (!byId("by").value) byId("by").value = recall();
 }
+wake();
