@@ -126,14 +126,22 @@ def _figures(rounds: list[Round]) -> tuple[str, str, str, str]:
     return f"{min(seconds):.2f}", f"{statistics.median(seconds):.2f}", f"{max(seconds):.2f}", f"{cpu_s:.2f}"
 
 
+@dataclass(frozen=True)
+class Memory:
+    """Memory of one process in bytes; in ``pss`` a page shared by n processes counts 1/n in each."""
+
+    process: str
+    rss: int
+    pss: int
+
+
 @dataclass
 class Observations:
-    """What was seen of the running daemon: latencies of the status in s, memory in bytes over the daemon and its children."""
+    """What was seen of the running daemon: latencies of the status in s, and its memory with that of its children."""
 
     idle_s: list[float] = field(default_factory=list)
     measuring_s: list[float] = field(default_factory=list)
-    rss: list[int] = field(default_factory=list)
-    pss: list[int] = field(default_factory=list)
+    memory: list[list[Memory]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 
 
@@ -209,15 +217,11 @@ def _report_daemon(rows: list[tuple[float, float, dict[str, Any]]], seen: Observ
             if values
         ],
     )
-    print_table(
-        "Memory of the daemon with its children (wanted: under 400 MB)",
-        ("", "median MB", "largest MB"),
-        [
-            (name, f"{statistics.median(values) / 1e6:.0f}", f"{max(values) / 1e6:.0f}")
-            for name, values in (("resident, shared pages counted in each", seen.rss), ("proportional (PSS)", seen.pss))
-            if values
-        ],
-    )
+    largest = max(seen.memory, key=lambda processes: sum(m.pss for m in processes))
+    rows_mb = [(m.process, f"{m.rss / 1e6:.0f}", f"{m.pss / 1e6:.0f}") for m in largest]
+    rows_mb.append(("all", f"{sum(m.rss for m in largest) / 1e6:.0f}", f"{sum(m.pss for m in largest) / 1e6:.0f}"))
+    title = "Memory of the daemon with its children at its largest (wanted: under 400 MB; PSS counts a shared page once)"
+    print_table(title, ("process", "resident MB", "PSS MB"), rows_mb)
     for fault in seen.faults[:5]:
         print(f"  fault: {fault}")
 
@@ -335,13 +339,17 @@ def _watch_memory(pid: int, seen: Observations, stop: threading.Event) -> None:
     while not stop.is_set():
         try:
             family = [parent, *parent.children(recursive=True)]
-            infos = [process.memory_full_info() for process in family]
+            seen.memory.append([_memory(process, process.pid == pid) for process in family])
         except psutil.NoSuchProcess:
             continue  # a child ended in between
-        seen.rss.append(sum(info.rss for info in infos))
-        if all(hasattr(info, "pss") for info in infos):
-            seen.pss.append(sum(info.pss for info in infos))
         stop.wait(0.25)
+
+
+def _memory(process: psutil.Process, is_daemon: bool) -> Memory:
+    info = process.memory_full_info()
+    command = " ".join(process.cmdline())
+    kind = "daemon" if is_daemon else "resource tracker" if "resource_tracker" in command else "child"
+    return Memory(f"{kind}, {process.num_threads()} threads", info.rss, getattr(info, "pss", info.rss))
 
 
 if __name__ == "__main__":
