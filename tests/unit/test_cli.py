@@ -88,6 +88,8 @@ def refused(done: subprocess.CompletedProcess[str]) -> str:
         (["serve", "--virtual", "--data-dir", "/proc/no"], "The data folder /proc/no cannot be used"),
         (["serve", "--config", "/nowhere.toml"], "There is no settings file /nowhere.toml"),
         (["serve", "--what"], "No such option"),
+        (["serve", "--virtual", "--description", "/nowhere.json"], "/nowhere.json"),
+        (["measure", "--camera", "oak", "--description", "x.json"], "--description goes with --virtual"),
     ],
 )
 def test_bad_arguments(arguments: list[str], sentence: str) -> None:
@@ -214,6 +216,41 @@ def test_other_fields_of_the_manifest_are_never_read(recorded: Path, tmp_path: P
         return [{**json.loads(line), "seconds": 0} for line in done.stdout.splitlines()]
 
     assert timeless(plain) == timeless(lied)
+
+
+# --- measure --virtual ---
+
+
+def test_measure_in_the_virtual_sewer(tmp_path: Path) -> None:
+    done = borescout("measure", "--virtual", "--json", "--frames", "8", "--data-dir", tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["diameter_mm"] == pytest.approx(300, abs=20)
+    assert (result["survey"], result["frames_used"]) == (1, 8)
+    assert (tmp_path / "borescout.db").is_file()
+
+
+def test_ctrl_c_cancels_a_measurement_cleanly(tmp_path: Path) -> None:
+    running = subprocess.Popen(
+        [sys.executable, "-m", "device.cli", "-v", "measure", "--virtual", "--frames", "500", "--data-dir", str(tmp_path)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stderr is not None
+    said = ""
+    while "measuring 500 frames" not in said:
+        line = running.stderr.readline()
+        assert line, said
+        said += line
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert out == ""
+    assert "Traceback" not in err
+    assert "cancelled" in err
+    assert err.splitlines()[-1] == "borescout: Interrupted."
 
 
 # --- serve ---
