@@ -37,7 +37,7 @@ def virtual_bus(description: Description, seed: int = 1) -> VirtualBus:
                 rig,
                 stereo,
                 STEREO_LENSES,
-                Painter(seed),
+                Painter(sewer.profile.mean_diameter / 2, seed),
                 faults=FaultScript(description.faults),
             ),
             VirtualCamera(

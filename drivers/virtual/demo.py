@@ -105,9 +105,10 @@ class Description:
 
     def sewer(self) -> VirtualSewer:
         """What the cameras look into."""
-        joints = () if self.joint_every_m == 0 else np.arange(0.6, min(self.length_m, 8.0), max(self.joint_every_m, 0.1))
+        chainages = np.arange(0.45, min(self.length_m, 8.0), max(self.joint_every_m, 0.1)) if self.joint_every_m > 0 else ()
+        joints = tuple(Joint(float(chainage), 0.02, 0.01) for chainage in chainages)
         bed = Deposit(self.deposit_from_m, self.deposit_to_m, self.deposit_mm / 1000) if self.deposit_mm > 0 else None
-        return VirtualSewer(self.profile, self.length_m, self.water_mm / 1000, bed, tuple(Joint(float(z)) for z in joints))
+        return VirtualSewer(self.profile, self.length_m, self.water_mm / 1000, bed, joints)
 
     def noise(self) -> StereoNoise:
         """Of the stereo camera."""

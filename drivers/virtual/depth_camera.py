@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +25,14 @@ from drivers.virtual.color import Painter
 from drivers.virtual.demo import DemoRig
 from drivers.virtual.faults import FaultScript
 from drivers.virtual.noise import UNIT_M, StereoCamera, TimeOfFlightCamera
-from drivers.virtual.world import VirtualSewer
+from drivers.virtual.rig import Pose
+from drivers.virtual.world import Hits, VirtualSewer
 from estimators.pinhole import Intrinsics, rays
 
 GRID = 2
 """Rays are cast for every second pixel of every second row."""
+COLOR_GRID = 4
+"""Colour is painted for every fourth pixel and enlarged. A multiple of GRID."""
 COLOR_FPS = 10
 """The operator's eye needs no more; between two colour pictures the last one is sent again, as pyrealsense2 does."""
 RESET_SECONDS = 0.5
@@ -366,9 +368,11 @@ class _Running:
             found.append(self._color)
         return composite_frame(found)
 
-    def _painted(self, painter: Painter, hits: Any, pose: Any, number: int, stamp_ms: float) -> frame:
+    def _painted(self, painter: Painter, hits: Hits, pose: Pose, number: int, stamp_ms: float) -> frame:
         profile = self._streams[stream.color]
-        picture = painter.picture(hits, pose, self._grid, self._lens.size)
+        step = COLOR_GRID // GRID
+        seen = Hits(hits.depth[::step, ::step], hits.cosine[::step, ::step], hits.material[::step, ::step])
+        picture = painter.picture(seen, pose, self._grid[::step, ::step], self._lens.size)
         if profile.format() is format.rgb8:
             picture = np.ascontiguousarray(picture[..., ::-1])
         return frame(picture, profile, number, stamp_ms)

@@ -51,11 +51,8 @@ class VirtualSewer:
         dx, dy, dz = direction[..., 0], direction[..., 1], direction[..., 2]
         ox, oy, oz = (np.float32(value) for value in position)
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = self._wall(ox, oy, dx, dy, dz, oz)
+            depth, material = self._wall(ox, oy, dx, dy, dz, oz)
             chainage = oz + depth * dz
-            material = np.full(depth.shape, WALL, np.uint8)
-            for joint in self.joints:
-                material[np.abs(chainage - np.float32(joint.chainage)) < joint.width / 2] = JOINT
             mouth = np.where(dz > 0, -oz / dz, np.inf)
             outside = chainage < 0
             if oz < 0 and np.hypot(ox, oy) >= self.profile.radius(np.arctan2(oy, ox)):
@@ -78,9 +75,11 @@ class VirtualSewer:
             np.where(gone, np.float32(0), depth).astype(np.float32), cosine, np.where(gone, NOTHING, material).astype(np.uint8)
         )
 
-    def _wall(self, ox: np.float32, oy: np.float32, dx: Array, dy: Array, dz: Array, oz: np.float32) -> NDArray[np.float32]:
+    def _wall(
+        self, ox: np.float32, oy: np.float32, dx: Array, dy: Array, dz: Array, oz: np.float32
+    ) -> tuple[Array, NDArray[np.uint8]]:
         """Depth at which the rays leave the profile: a circle solved exactly, its radius renewed from the angle it was met
-        at."""
+        at. In a joint they end on its floor or its flank."""
         a = dx * dx + dy * dy + np.float32(1e-12)
         b = ox * dx + oy * dy
         centre = ox * ox + oy * oy
@@ -90,12 +89,17 @@ class VirtualSewer:
             for _ in range(5):
                 radius = self.profile.radius(np.arctan2(oy + depth * dy, ox + depth * dx))
                 depth = (-b + np.sqrt(np.maximum(b * b - a * (centre - radius * radius), 0))) / a
+        material = np.full(depth.shape, WALL, np.uint8)
         for joint in self.joints:
             ring = np.abs(oz + depth * dz - np.float32(joint.chainage)) < joint.width / 2
             if ring.any():
                 wider = (radius if isinstance(radius, np.float32) else radius[ring]) + np.float32(joint.depth)
-                depth[ring] = (-b[ring] + np.sqrt(np.maximum(b[ring] ** 2 - a[ring] * (centre - wider * wider), 0))) / a[ring]
-        return np.asarray(depth, np.float32)
+                floor = (-b[ring] + np.sqrt(np.maximum(b[ring] ** 2 - a[ring] * (centre - wider * wider), 0))) / a[ring]
+                first, last = (np.float32(joint.chainage + side * joint.width / 2) for side in (-1, 1))
+                flank = (np.clip(oz + floor * dz[ring], first, last) - oz) / dz[ring]
+                depth[ring] = np.where(np.abs(dz[ring]) > 1e-6, flank, floor)
+                material[ring] = JOINT
+        return np.asarray(depth, np.float32), material
 
     def _bed(
         self,
