@@ -14,6 +14,7 @@ from device.cli import camera_options, chosen_cameras
 from device.config import load_settings
 from device.daemon import Device
 from device.errors import Invalid
+from device.memory import share_heaps
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +37,7 @@ def serve(
     """Run the box: read the cameras, serve the page."""
     chosen = chosen_cameras(virtual, tof, description, replay, cameras)
     settings = load_settings(config, data_dir=data_dir, host=host, port=port, **chosen)
+    share_heaps()
     device = Device(settings)
     try:
         server = _bind(device, settings.host, settings.port)
