@@ -34,6 +34,26 @@ class Window:
 
 
 @dataclass(frozen=True)
+class Matching:
+    """How a stereo matcher fails for reasons of geometry; the figures are the real D435i's (``tests.bench.noise_fit``).
+
+    ``search_px``: largest disparity searched, at any width, so that a finer picture begins further away (0.167 m at 848 pixels,
+    0.252 m at 1280). ``slant``: how much a disparity that changes along the row (pixels per pixel) costs, since the right eye
+    sees a side wall squeezed or stretched: it is why small pipes show crown and invert and hardly any side; ``slant_noise`` is
+    how much finer noise it brings. ``uneven``: how much light and texture differ between large patches. Light falls off with
+    the cosine of incidence to the power ``angle``, and with range as 1 / (1 + ``fading`` range^2). What only the left eye sees
+    is never matched, and false matches are alike in disparity, which at the left of the picture cannot be large.
+    """
+
+    search_px: float = 126.0
+    slant: float = 2.6
+    slant_noise: float = 2.0
+    uneven: float = 0.3
+    angle: float = 0.12
+    fading: float = 0.03
+
+
+@dataclass(frozen=True)
 class StereoNoise:
     """Active stereo. Standard deviations in pixels of disparity at 848 pixels of width; shares of the picture."""
 
@@ -53,6 +73,8 @@ class StereoNoise:
     """False matches a frame, where nothing true is seen."""
     nearest: float = 0.17
     """Metres; nearer, the two pictures share nothing."""
+    matching: Matching | None = None
+    """None: holes by light and angle alone, a band without depth at the left, and ``nearest`` at any width."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +101,16 @@ class StereoCamera:
     _fixed: Array = field(init=False)
     _texture: Array = field(init=False)
     _smear: NDArray[np.uint8] = field(init=False)
+    _patches: Array = field(init=False)
+    _columns: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self._fixed = _field(self.intrinsics.size, 15, self.rng)
         self._texture = _field(self.intrinsics.size, 9, self.rng)
         self._smear = _smears(self.intrinsics.size, self.window)
+        if self.noise.matching is not None:
+            self._patches = _field(self.intrinsics.size, 160, self.rng) * np.float32(self.noise.matching.uneven)
+            self._columns = np.arange(self.intrinsics.width, dtype=np.float32)[None, :]
 
     def picture(self, hits: Hits) -> NDArray[np.uint16]:
         """A depth picture (H, W) uint16 in UNIT_M of what the rays met; ``hits`` may be on a coarser grid."""
@@ -99,37 +126,59 @@ class StereoCamera:
         if self.blur > 0:
             disparity = np.asarray(cv2.GaussianBlur(disparity, (0, 0), self.blur), np.float32)
         scale = np.float32(width / 848)
-        spread = 1 + np.float32(noise.grazing) * np.minimum(1 / cosine - 1, np.float32(4)) * np.float32(0.5)
         coarse = (self._fixed + _field((width, height), 15, rng)) * np.float32(0.71 * noise.coarse)
         fine = _field((width, height), 3, rng) * np.float32(noise.fine)
-        measured = disparity + (coarse + fine) * spread * scale
+        grazing = np.float32(0.5 * noise.grazing) * (1 / cosine - 1)
+        slant = None if noise.matching is None else self._slant(disparity)
+        if noise.matching is None or slant is None:
+            stray = (coarse + fine) * (1 + np.minimum(grazing, np.float32(2 * noise.grazing)))
+        else:
+            coarse *= 1 + np.minimum(grazing, np.float32(4 * noise.grazing))
+            stray = coarse + fine * (np.float32(0.8) + np.float32(noise.matching.slant_noise) * slant)
+        measured = disparity + stray * scale
         measured = np.round(measured * np.float32(noise.steps)) / np.float32(noise.steps)
-        seen = self._seen(true_depth, cosine, water)
+        seen = self._seen(true_depth, cosine, water, slant)
+        if noise.matching is not None:
+            seen &= (disparity < noise.matching.search_px) & (self._columns > disparity)
         depth = np.where(seen & (measured > 0.05), pixels / np.maximum(measured, np.float32(0.05)), np.float32(0))
         depth = depth * np.float32(1 + self.window.scale)
-        depth[depth < noise.nearest] = 0
+        if noise.matching is None:
+            depth[depth < noise.nearest] = 0
         depth[self._smear == 1] = 0
         ghost = self._smear == 2
         depth[ghost] = np.float32(noise.nearest + 0.03) + np.float32(0.01) * self._texture[ghost]
         self._speckle(depth)
-        left = round(0.06 * width)
+        left = round((0.06 if noise.matching is None else 0.01) * width)
         depth[:, :left] = 0
         return _millimetres(depth)
 
-    def _seen(self, depth: Array, cosine: Array, water: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _seen(self, depth: Array, cosine: Array, water: NDArray[np.bool_], slant: Array | None) -> NDArray[np.bool_]:
         """Where a match is found: light falls off with range and angle, texture decides, and water mirrors most of it away."""
-        noise = self.noise
+        noise, matching = self.noise, self.noise.matching
         texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, 5, self.rng)
+        angle, fading = (0.35, 0.12) if matching is None else (matching.angle, matching.fading)
         light = np.float32(noise.light) * np.minimum(
-            np.float32(1.3) * cosine ** np.float32(0.35) / (1 + np.float32(0.12) * depth**2), 1
+            np.float32(1.3) * cosine ** np.float32(angle) / (1 + np.float32(fading) * depth**2), 1
         )
-        too_near = np.clip((np.float32(0.27) - depth) * np.float32(8), 0, 2)
-        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12)) - too_near
+        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12))
+        if matching is None or slant is None:
+            margin = margin - np.clip((np.float32(0.27) - depth) * np.float32(8), 0, 2)
+        else:
+            margin = margin + self._patches - np.float32(matching.slant) * slant
         margin = np.where(water, margin - np.float32(1.6), margin)
         return np.asarray(texture < margin * np.float32(1.2))
 
+    def _slant(self, disparity: Array) -> Array:
+        """Change of the true disparity along the row, pixels per pixel, without sign; at an edge no more than 1."""
+        small = np.asarray(cv2.resize(disparity, None, fx=0.25, fy=0.25), np.float32)
+        steep = np.abs(cv2.Sobel(small, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 32))
+        return _enlarge(np.minimum(steep, np.float32(1)), self.intrinsics.size)
+
     def _speckle(self, depth: Array) -> None:
         """False matches: blobs at any range, where there is no true one."""
+        if self.noise.matching is not None:
+            self._false_matches(depth, self.noise.matching.search_px)
+            return
         height, width = depth.shape
         for _ in range(self.rng.poisson(self.noise.speckles)):
             x, y = int(self.rng.uniform(0.05, 0.98) * width), int(self.rng.uniform(0, 0.98) * height)
@@ -137,6 +186,19 @@ class StereoCamera:
             patch = depth[y : y + h, x : x + w]
             false = np.float32(np.exp(self.rng.uniform(np.log(0.2), np.log(5.0))))
             patch[patch == 0] = false
+
+    def _false_matches(self, depth: Array, search_px: float) -> None:
+        """Round blobs whose disparity may be anything that fits into the picture, the same all over a blob."""
+        height, width = depth.shape
+        pixels = self.intrinsics.fx * BASELINE_M
+        for _ in range(self.rng.poisson(self.noise.speckles)):
+            w, h = (self.rng.uniform(low, high) * width / 848 for low, high in ((5, 17), (4, 12)))
+            x, y = int(self.rng.uniform(0.01, 0.98) * width), int(self.rng.uniform(0, 0.98) * height)
+            v, u = np.ogrid[: int(h) + 1, : int(w) + 1]
+            patch = depth[y : y + int(h) + 1, x : x + int(w) + 1]
+            inside = ((u - w / 2) / (w / 2)) ** 2 + ((v - h / 2) / (h / 2)) ** 2 <= 1
+            false = pixels / self.rng.uniform(0.5, max(min(search_px, x), 1.0))
+            patch[inside[: patch.shape[0], : patch.shape[1]] & (patch == 0)] = np.float32(false)
 
 
 @dataclass
