@@ -422,7 +422,9 @@ class FakeDevice:
         if data["verdict"] == "accept" and survey["result"]["verdict"] == "retry":
             raise Invalid("The device refused this measurement; it cannot be accepted by hand.")
         answers = {key: data[key] for key in ("image_good", "cloud_is_pipe", "fit_aligned")}
-        survey["operator"] = {"answers": answers, "verdict": data["verdict"], "by": data["by"], "note": data["note"]}
+        said = {key: data[key] for key in ("verdict", "by", "note")}
+        history = [*(survey["operator"] or {"history": []})["history"], {**answers, **said}]
+        survey["operator"] = {"answers": answers, **said, "history": history}
         refused = data["verdict"] == "retry" or False in answers.values()
         if refused:
             survey["final_verdict"] = "retry"

@@ -78,12 +78,10 @@ def test_the_operators_answers_change_the_verdict_and_are_kept(screen: Watched, 
     expect(page.get_by_role("heading", name="RETRY")).to_be_visible()
     expect(page.locator("#verdict")).to_contain_text("refused by the operator")
     expect(page.locator("#record")).to_contain_text("retry")
-    assert device.survey(number)["operator"] == {
-        "answers": {"image_good": True, "cloud_is_pipe": None, "fit_aligned": False},
-        "verdict": "retry",
-        "by": "Ann",
-        "note": "cylinder stands off",
-    }
+    expect(page.locator(".said li")).to_have_text(["Ann: retry, “cylinder stands off”"])
+    operator = device.survey(number)["operator"]
+    assert operator["answers"] == {"image_good": True, "cloud_is_pipe": None, "fit_aligned": False}
+    assert (operator["verdict"], operator["by"], operator["note"]) == ("retry", "Ann", "cylinder stands off")
     page.reload()
     expect(page.locator("#fit_aligned-no")).to_be_checked()
     expect(page.get_by_label("Your name")).to_have_value("Ann")
@@ -138,6 +136,11 @@ def test_pure_functions_of_the_drawings(screen: Watched) -> None:
     page = screen.open("/surveys")
     box = page.evaluate("import('/static/js/box_plot.js').then((m) => m.boxNumbers([1, 2, 3, 4, 5, 6, 7, 8, 9, 40]))")
     assert box == {"lower": 3.25, "median": 5.5, "upper": 7.75, "low": 1, "high": 9, "outliers": [40]}
+    near = page.evaluate("import('/static/js/box_plot.js').then((m) => m.extent([398, 399, 400], [395, 402]))")
+    assert near[0] < 395
+    assert near[1] > 402
+    far = page.evaluate("import('/static/js/box_plot.js').then((m) => m.extent([299.5, 300, 300.5], [290, 310]))")
+    assert 298 < far[0] < 299.5 < 300.5 < far[1] < 302, "a wide interval must not squeeze the frames into a line"
     ticks = page.evaluate("import('/static/js/box_plot.js').then((m) => m.ticks(395.2, 401.1).values)")
     assert ticks == [396, 398, 400]
     runs = page.evaluate("import('/static/js/cross_section.js').then((m) => m.seenRuns([0, 90, 180, 270], [1, null, 3, 4]))")

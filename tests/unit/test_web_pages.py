@@ -111,6 +111,8 @@ def test_a_second_position_is_asked_for_with_its_button(client: FlaskClient, dev
     number = device.add_survey(None, None, "top", "second")
     text = client.get(f"/surveys/{number}").text
     assert "Measure in the middle" in text
+    assert "First position, to be confirmed" in text
+    assert "not to be used" not in text
     assert f'href="/?second={number}"' in text
     assert "Measure in the middle" in client.get(f"/?second={number}").text
     assert client.get("/?second=999").status_code == 404

@@ -3,8 +3,8 @@
 import { svg } from "./dom.js";
 
 const WIDTH = 380;
-const LEFT = 14;
-const RIGHT = 366;
+const LEFT = 26;
+const RIGHT = 354;
 
 // The quantile by linear interpolation between the sorted values (the usual definition of numpy and R's type 7).
 export function quantile(sorted, share) {
@@ -25,26 +25,37 @@ export function boxNumbers(values) {
 export function ticks(low, high, count = 4) {
   const raw = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= raw);
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= raw * 0.999);
   const result = [];
   for (let value = Math.ceil(low / step) * step; value <= high + step * 1e-9; value += step) result.push(value);
   return { values: result, digits: step < 1 ? Math.ceil(-Math.log10(step)) : 0 };
+}
+
+// What the plot spans: the frames, and the interval too unless that would squeeze the frames into a line.
+export function extent(values, interval) {
+  const [least, most] = [Math.min(...values), Math.max(...values)];
+  const spread = Math.max(most - least, 0.5);
+  const [from, to] = interval ?? [least, most];
+  if (values.length > 2 && Math.max(to, most) - Math.min(from, least) > 8 * spread) return [least - 0.6 * spread, most + 0.6 * spread];
+  const margin = Math.max((Math.max(to, most) - Math.min(from, least)) * 0.06, 0.3);
+  return [Math.min(from, least) - margin, Math.max(to, most) + margin];
 }
 
 export function boxPlot(frames, interval) {
   const values = frames.map((frame) => frame.diameter_mm).filter((value) => value !== null && value !== undefined);
   if (!values.length) return null;
   const box = boxNumbers(values);
-  const ends = [...values, ...(interval ?? [])];
-  const margin = Math.max((Math.max(...ends) - Math.min(...ends)) * 0.06, 0.5);
-  const [low, high] = [Math.min(...ends) - margin, Math.max(...ends) + margin];
+  const [low, high] = extent(values, interval);
   const x = (value) => (LEFT + ((value - low) / (high - low)) * (RIGHT - LEFT)).toFixed(1);
   const scale = ticks(low, high);
 
   const parts = [];
   if (interval) {
-    parts.push(svg("rect", { class: "band", x: x(interval[0]), y: 14, width: (x(interval[1]) - x(interval[0])).toFixed(1), height: 134 }));
-    parts.push(svg("text", { class: "quiet", x: x((interval[0] + interval[1]) / 2), y: 11, "font-size": 13, "text-anchor": "middle" }, "95 % interval"));
+    const [from, to] = [x(Math.max(interval[0], low)), x(Math.min(interval[1], high))];
+    const beyond = interval[0] < low && interval[1] > high;
+    const words = beyond ? `all within the 95 % interval, ${interval[0].toFixed(0)} to ${interval[1].toFixed(0)} mm` : "95 % interval";
+    if (to - from > 0) parts.push(svg("rect", { class: "band", x: from, y: 14, width: (to - from).toFixed(1), height: 134 }));
+    parts.push(svg("text", { class: "quiet", x: ((+from + +to) / 2).toFixed(1), y: 11, "font-size": 13, "text-anchor": "middle" }, words));
   }
   for (const tick of scale.values) {
     parts.push(svg("path", { class: "grid", d: `M ${x(tick)} 18 V 152` }));

@@ -43,7 +43,7 @@ export class PicturePoller {
   }
 }
 
-const STALE_S = 1.5;
+const STALE_S = 2;
 
 // What a view is: "waiting" (nothing yet), "live", "stale" or "lost", and what to write over it.
 export function viewState({ link, camera, ageS, pictureAgeS, age }) {
