@@ -66,6 +66,8 @@ def feeds(settings: Settings, on_change: Callable[[], None]) -> list[CameraFeed]
 
 
 def _arguments(kind: str, settings: Settings) -> dict[str, Any]:
+    """What the cameras of ``kind`` are made with. A slip of the operator's is told now, before anything is started."""
+    arguments: dict[str, Any] = {}
     if kind == "replay":
         if settings.replay is None:
             raise Invalid("Say which recording to replay.")
@@ -77,28 +79,20 @@ def _arguments(kind: str, settings: Settings) -> dict[str, Any]:
             "cameras": settings.virtual_cameras,
             "description": settings.virtual_description,
         }
-        if settings.virtual_description is not None:
-            _check_description(arguments)
-        return arguments
-    return {}
+    try:
+        open_depth_cameras(kind, **arguments)  # made, not opened: its package is there, its description can be read
+    except DriverError as error:
+        raise Invalid(str(error)) from None
+    return arguments
 
 
 def _check_recording(source: Path) -> None:
-    """A recording that is missing or broken is the operator's slip, to be told before anything is started."""
     from drivers.depth.replay import PLAYBACK_SUFFIXES, manifest_entries
 
     if source.suffix.lower() in PLAYBACK_SUFFIXES and source.is_file():
         return
     try:
         manifest_entries(source)
-    except DriverError as error:
-        raise Invalid(str(error)) from None
-
-
-def _check_description(arguments: dict[str, Any]) -> None:
-    """A virtual pipe that cannot be is the operator's slip too."""
-    try:
-        open_depth_cameras("virtual", **arguments)
     except DriverError as error:
         raise Invalid(str(error)) from None
 

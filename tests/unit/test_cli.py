@@ -118,12 +118,13 @@ def _data(command: list[str], folder: Path) -> list[str]:
     return ["--data-dir", str(folder / "data")] if command == ["serve"] else []
 
 
-def test_an_absent_camera_package_is_told_with_its_remedy(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["measure", "serve"])
+def test_an_absent_camera_package_is_told_with_its_remedy(tmp_path: Path, command: str) -> None:
     hidden = tmp_path / "hidden"
     hidden.mkdir()
     (hidden / "pyrealsense2.py").write_text("raise ImportError('hidden by a test')")
     done = subprocess.run(
-        [sys.executable, "-m", "device.cli", "measure", "--camera", "realsense", "--data-dir", str(tmp_path / "data")],
+        [sys.executable, "-m", "device.cli", command, "--camera", "realsense", "--data-dir", str(tmp_path / "data")],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(hidden)},
         capture_output=True,
