@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.cylinder import CylinderFit
 from estimators.frame import KEPT_SHARE, FrameEstimate
 
 MIN_FRAMES_FOR_SPREAD = 5
@@ -17,12 +18,13 @@ PROXIES = ("inlier_share", "mse", "radius", "orientation")
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """What the spread cannot show. ``scale_std``: relative scale error of the camera and its window; ``fit_factor``: how much
-    larger the
-    true error of a fit is than its covariance says; ``floor`` (m): wall roughness and joints."""
+    """What the spread cannot show. ``scale_std``: relative scale error of the camera and its window. ``fit_factor``: how much
+    larger the true error of a fit is than its covariance says. ``shape_factor``: relative error of the mean diameter per
+    share of the wall that lies off the circle. ``floor`` (m): wall roughness and joints."""
 
-    scale_std: float = 0.005
+    scale_std: float = 0.004
     fit_factor: float = 3.0
+    shape_factor: float = 0.06
     floor: float = 0.0005
 
 
@@ -96,7 +98,7 @@ def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -
         mean=2 * float(radii.mean()),
         inlier_weighted_mean=2 * float((radii * shares).sum() / max(shares.sum(), 1e-9)),
         radius_std=radius_std,
-        interval=_interval(radius, radius_std, [fit.radius_std for _, fit in fits], errors),
+        interval=_interval(radius, radius_std, [fit for _, fit in fits], errors),
         proxies=proxies,
         sway=_sway(np.array([fit.axis for _, fit in fits]), np.array([fit.point for _, fit in fits])),
         valid_share=valid_share,
@@ -133,13 +135,14 @@ def _spread(radii: NDArray[np.float64], frames: Sequence[FrameEstimate], radius:
     return float(np.hypot(np.sqrt(np.mean(deviation**2) * to_full_sample), fit_std))
 
 
-def _interval(radius: float, radius_std: float, fit_stds: Sequence[float], errors: ErrorModel) -> tuple[float, float]:
-    """95 % interval of the diameter. The frames of one recording share their fit error, so that part is not divided by their
-    number."""
-    count = len(fit_stds)
-    between = radius_std**2 / count if count >= MIN_FRAMES_FOR_SPREAD else radius_std**2
-    common = (errors.fit_factor * _median(fit_stds)) ** 2 + (errors.scale_std * radius) ** 2 + errors.floor**2
-    half = 1.96 * 2 * float(np.sqrt(between + common))
+def _interval(radius: float, radius_std: float, fits: Sequence[CylinderFit], errors: ErrorModel) -> tuple[float, float]:
+    """95 % interval of the diameter. The frames of one recording share the errors of their fits and of the camera, so only the
+    spread between them shrinks with their number."""
+    between = radius_std / np.sqrt(len(fits)) if len(fits) >= MIN_FRAMES_FOR_SPREAD else radius_std
+    fit = errors.fit_factor * _median([fit.radius_std for fit in fits])
+    scale = errors.scale_std * radius
+    shape = errors.shape_factor * (1 - _median([fit.roundness for fit in fits])) * radius
+    half = 1.96 * 2 * float(np.linalg.norm([between, fit, scale, shape, errors.floor]))
     return max(2 * radius - half, 0.0), 2 * radius + half
 
 

@@ -14,7 +14,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.virtual.noise import UNIT_M, StereoCamera, StereoNoise, Window
+from drivers.virtual.noise import UNIT_M, Matching, StereoCamera, StereoNoise, Window
 from drivers.virtual.profile import PipeProfile, circular, dented, oval
 from drivers.virtual.rig import HandMotion, Pose, sway
 from drivers.virtual.world import Deposit, Joint, VirtualSewer
@@ -30,12 +30,12 @@ _BOX_M = 0.06
 """Nearest that the camera's eye comes to a wall: half the box."""
 
 TROUBLES = {
-    "water": 0.55,
-    "end in view": 0.40,
-    "chamber in view": 0.40,
+    "water": 0.50,
+    "end in view": 0.35,
+    "chamber in view": 0.35,
     "tilt": 0.20,
     "poor light": 0.25,
-    "speckle": 0.30,
+    "speckle": 0.25,
     "dirt": 0.20,
     "drops": 0.15,
     "deposit": 0.20,
@@ -143,6 +143,7 @@ def _recording(
         fine=0.14 * float(rng.uniform(0.8, 1.6)),
         coarse=0.16 * float(rng.uniform(0.8, 1.8)),
         light=0.25 if hopeless else float(rng.uniform(0.42, 0.6)) if poor else float(rng.uniform(0.75, 1.05)),
+        matching=Matching(),
         speckles=float(rng.uniform(200, 700)) if "speckle" in troubles or hopeless else float(rng.uniform(20, 90)),
     )
     moving = "hand motion" in troubles

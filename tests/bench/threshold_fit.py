@@ -130,9 +130,10 @@ def fit_error_model(outcomes: Sequence[Outcome], start: ErrorModel) -> ErrorMode
     and stays."""
     sound = [o for o in outcomes if o.right]
     grid = [
-        replace(start, fit_factor=factor, floor=floor)
-        for factor in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
-        for floor in (0.0, 0.0001, 0.0002, 0.0003, 0.0004, 0.0006)
+        replace(start, fit_factor=factor, shape_factor=shape, floor=floor)
+        for factor in (1.0, 2.0, 3.0, 4.0, 6.0)
+        for shape in (0.0, 0.03, 0.06, 0.1, 0.15)
+        for floor in (0.0, 0.0002, 0.0004)
     ]
     return min(grid, key=lambda model: max(abs(share - 0.955) for share in coverage(sound, model).values()))
 
@@ -181,6 +182,7 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
         **asdict(thresholds),
         "scale_std": errors.scale_std,
         "fit_factor": errors.fit_factor,
+        "shape_factor": errors.shape_factor,
         "floor_mm": round(1000 * errors.floor, 3),
     }
     print(json.dumps(data, indent=2))
