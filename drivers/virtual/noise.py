@@ -41,16 +41,21 @@ class Matching:
     0.252 m at 1280). ``slant``: how much a disparity that changes along the row (pixels per pixel) costs, since the right eye
     sees a side wall squeezed or stretched: it is why small pipes show crown and invert and hardly any side; ``slant_noise`` is
     how much finer noise it brings. ``uneven``: how much light and texture differ between large patches. Light falls off with
-    the cosine of incidence to the power ``angle``, and with range as 1 / (1 + ``fading`` range^2). What only the left eye sees
-    is never matched, and false matches are alike in disparity, which at the left of the picture cannot be large.
+    the cosine of incidence to the power ``angle``, and with range as 1 / (1 + ``fading`` range^2). The wall that closes
+    a pipe is matched better by ``flat``, the last ``rim_px`` pixels (at 848 of width) of the pipe around it worse by ``rim``.
+    What only the left eye sees is never matched, and false matches are alike in disparity, which at the left of the picture
+    cannot be large.
     """
 
     search_px: float = 126.0
     slant: float = 2.6
     slant_noise: float = 2.0
-    uneven: float = 0.3
+    uneven: float = 0.4
     angle: float = 0.12
-    fading: float = 0.03
+    fading: float = 0.02
+    flat: float = 0.8
+    rim: float = 0.6
+    rim_px: float = 24.0
 
 
 @dataclass(frozen=True)
@@ -106,10 +111,11 @@ class StereoCamera:
 
     def __post_init__(self) -> None:
         self._fixed = _field(self.intrinsics.size, 15, self.rng)
-        self._texture = _field(self.intrinsics.size, 9, self.rng)
+        self._texture = _field(self.intrinsics.size, 9 if self.noise.matching is None else 5, self.rng)
         self._smear = _smears(self.intrinsics.size, self.window)
         if self.noise.matching is not None:
-            self._patches = _field(self.intrinsics.size, 160, self.rng) * np.float32(self.noise.matching.uneven)
+            patches = self.rng.normal(size=(7, 11)).astype(np.float32) * np.float32(self.noise.matching.uneven)
+            self._patches = np.asarray(cv2.resize(patches, self.intrinsics.size, interpolation=cv2.INTER_CUBIC), np.float32)
             self._columns = np.arange(self.intrinsics.width, dtype=np.float32)[None, :]
 
     def picture(self, hits: Hits) -> NDArray[np.uint16]:
@@ -137,7 +143,8 @@ class StereoCamera:
             stray = coarse + fine * (np.float32(0.8) + np.float32(noise.matching.slant_noise) * slant)
         measured = disparity + stray * scale
         measured = np.round(measured * np.float32(noise.steps)) / np.float32(noise.steps)
-        seen = self._seen(true_depth, cosine, water, slant)
+        favour = None if noise.matching is None else self._favour(hits.material, noise.matching)
+        seen = self._seen(true_depth, cosine, water, slant, favour)
         if noise.matching is not None:
             seen &= (disparity < noise.matching.search_px) & (self._columns > disparity)
         depth = np.where(seen & (measured > 0.05), pixels / np.maximum(measured, np.float32(0.05)), np.float32(0))
@@ -152,21 +159,32 @@ class StereoCamera:
         depth[:, :left] = 0
         return _millimetres(depth)
 
-    def _seen(self, depth: Array, cosine: Array, water: NDArray[np.bool_], slant: Array | None) -> NDArray[np.bool_]:
+    def _seen(
+        self, depth: Array, cosine: Array, water: NDArray[np.bool_], slant: Array | None, favour: Array | None
+    ) -> NDArray[np.bool_]:
         """Where a match is found: light falls off with range and angle, texture decides, and water mirrors most of it away."""
         noise, matching = self.noise, self.noise.matching
-        texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, 5, self.rng)
+        grain = 5 if matching is None else 4
+        texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, grain, self.rng)
         angle, fading = (0.35, 0.12) if matching is None else (matching.angle, matching.fading)
         light = np.float32(noise.light) * np.minimum(
             np.float32(1.3) * cosine ** np.float32(angle) / (1 + np.float32(fading) * depth**2), 1
         )
         margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12))
-        if matching is None or slant is None:
+        if matching is None or slant is None or favour is None:
             margin = margin - np.clip((np.float32(0.27) - depth) * np.float32(8), 0, 2)
         else:
-            margin = margin + self._patches - np.float32(matching.slant) * slant
+            margin = margin + self._patches - np.float32(matching.slant) * slant + favour
         margin = np.where(water, margin - np.float32(1.6), margin)
         return np.asarray(texture < margin * np.float32(1.2))
+
+    def _favour(self, material: NDArray[np.uint8], matching: Matching) -> Array:
+        """For a wall that closes the view, against the rim around it, where a window of the matcher holds both surfaces."""
+        end = (material == world.END).astype(np.uint8)
+        reach = round(matching.rim_px * material.shape[1] / 848)
+        rim = cv2.dilate(end, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1)))
+        favour = np.float32(matching.flat) * end - np.float32(matching.rim) * (rim - end)
+        return _enlarge(favour.astype(np.float32), self.intrinsics.size)
 
     def _slant(self, disparity: Array) -> Array:
         """Change of the true disparity along the row, pixels per pixel, without sign; at an edge no more than 1."""

@@ -81,8 +81,8 @@ def _end(frame: RealFrame, axis: NDArray[np.float64], point: NDArray[np.float64]
     along = points @ axis
     aside = np.linalg.norm(points - along[:, None] * axis - point, axis=1)
     inside = along[(aside < 0.8 * radius) & (along < _FAR_M)]
-    counts, edges = np.histogram(inside, np.arange(0.2, _FAR_M, 0.05))
-    return float(edges[counts.argmax()] + 0.025) if counts.max(initial=0) > _LEAST else _FAR_M
+    counts, edges = np.histogram(inside, np.arange(0.2, _FAR_M, 0.1))
+    return float(edges[counts.argmax()] + 0.05) if counts.max(initial=0) > _LEAST else _FAR_M
 
 
 def twin(pipe: Pipe, lens: Intrinsics, noise: StereoNoise, seed: int) -> NDArray[np.uint16]:
