@@ -83,8 +83,6 @@ class CameraReader:
         stop: threading.Event,
     ) -> None:
         self.name = name
-        self.finished = False
-        """True once a recording has been played to its end: nothing to restart."""
         self.call = ""
         """The driver call under way."""
         self._make = make
@@ -108,7 +106,7 @@ class CameraReader:
 
     def _run(self) -> None:
         openings = 0  # in a row, without enough good frames
-        while self._sink.wanted(self) and not self.finished:
+        while self._sink.wanted(self):
             try:
                 self._climb(openings)
                 self._open()
@@ -118,8 +116,8 @@ class CameraReader:
                     if good >= self._timing.good_before_trust:
                         openings = 0
             except EndOfRecording as end:
-                self.finished = True
-                self._sink.become(self, "lost", _sentence(end) or "The recording has been played to its end.")
+                # a recording in place of a camera is played again and again
+                self._sink.become(self, "degraded", _sentence(end))
             except EmptyPictures as fault:
                 self._sink.become(self, "degraded", str(fault))
             except DriverError as fault:
@@ -131,7 +129,7 @@ class CameraReader:
                     log.exception("%s: its driver failed in an unexpected way", self.name)
                 self._sink.become(self, "lost", _LOST_SENTENCE)
             self._close()
-            if self._sink.wanted(self) and not self.finished:
+            if self._sink.wanted(self):
                 self._stop.wait(self._timing.back_off_s[min(openings, len(self._timing.back_off_s) - 1)])
             openings += 1
 

@@ -72,7 +72,8 @@ def _arguments(kind: str, settings: Settings) -> dict[str, Any]:
         if settings.replay is None:
             raise Invalid("Say which recording to replay.")
         _check_recording(settings.replay)
-        return {"source": settings.replay, "loop": True}
+        rate_hz = None if settings.replay.is_dir() else settings.replay_hz  # of a folder HeldReplay sets the pace
+        return {"source": settings.replay, "rate_hz": rate_hz, "loop": True}
     if kind == "virtual":
         arguments = {
             "seed": settings.virtual_seed,
@@ -87,14 +88,15 @@ def _arguments(kind: str, settings: Settings) -> dict[str, Any]:
 
 
 def _check_recording(source: Path) -> None:
-    from drivers.depth.replay import PLAYBACK_SUFFIXES, manifest_entries
+    from drivers.depth.replay import ReplayCamera
 
-    if source.suffix.lower() in PLAYBACK_SUFFIXES and source.is_file():
-        return
+    camera = ReplayCamera(source)
     try:
-        manifest_entries(source)
+        camera.open()
     except DriverError as error:
         raise Invalid(str(error)) from None
+    finally:
+        camera.close()
 
 
 def _make(kind: str, index: int, arguments: dict[str, Any], settings: Settings) -> DepthCamera:

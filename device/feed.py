@@ -188,7 +188,7 @@ class CameraFeed:
         while not self._stop.wait(min(0.2, self._timing.read_limit_s / 4)):
             self._abandoned = [reader for reader in self._abandoned if reader.thread.is_alive()]
             reader = self._reader
-            if reader is None or reader.finished:
+            if reader is None:
                 continue
             if reader.thread.is_alive():
                 if not reader.stuck():
