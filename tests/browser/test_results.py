@@ -160,6 +160,12 @@ def test_pure_functions_of_the_drawings(screen: Watched) -> None:
     ring = lines[0]
     assert all(abs((x * x + y * y) ** 0.5 - 0.5) < 1e-9 and abs(z - 1) < 1e-9 for x, y, z in ring)
     assert all(abs(z - 2) < 1e-9 for _, _, z in lines[6])
+    seen = page.evaluate(
+        """import('/static/js/cloud.js').then((m) => m.seenLength({
+             points: Array.from({length: 101}, (_, i) => [1, 0, i / 100]), inlier: Array(101).fill(1),
+             cylinder: {axis: [0, 0, 1], point: [0, 0, 0.5]}}))"""
+    )
+    assert seen == pytest.approx({"from": -0.48, "to": 0.48})
     one = page.evaluate(
         "import('/static/js/box_plot.js').then((m) => m.boxPlot([{diameter_mm: 200}], null).getAttribute('aria-label'))"
     )

@@ -25,6 +25,17 @@ export function wireframe({ axis, point, radius, from, to }) {
   return lines;
 }
 
+// Where along the axis the points on the wall lie, all but the outermost of them; nothing where there are too few.
+export function seenLength({ points, inlier, cylinder: { axis, point } }) {
+  const along = unit(axis);
+  const places = points
+    .filter((_, index) => inlier[index])
+    .map((p) => p.reduce((sum, part, i) => sum + (part - point[i]) * along[i], 0))
+    .sort((a, b) => a - b);
+  if (places.length < 20) return {};
+  return { from: places[Math.floor(places.length * 0.02)], to: places[Math.floor(places.length * 0.98)] };
+}
+
 export function projector({ centre, yaw, pitch, zoom, width, height, size }) {
   const [cy, sy, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
   const focal = (Math.min(width, height) / size) * zoom * 2.2;
@@ -43,7 +54,7 @@ export class CloudView {
   constructor(canvas, cloud) {
     this.canvas = canvas;
     this.cloud = cloud;
-    this.lines = cloud.cylinder ? wireframe(cloud.cylinder) : [];
+    this.lines = cloud.cylinder ? wireframe({ ...cloud.cylinder, ...seenLength(cloud) }) : [];
     // The cylinder fills the view where there is one: a few stray points far away must not shrink it to nothing.
     const shown = this.lines.length ? this.lines.flat() : cloud.points;
     const range = [0, 1, 2].map((i) => shown.reduce(([a, b], p) => [Math.min(a, p[i]), Math.max(b, p[i])], [Infinity, -Infinity]));
