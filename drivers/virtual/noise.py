@@ -21,6 +21,8 @@ Array = NDArray[np.float32]
 UNIT_M = 0.001
 BASELINE_M = 0.05
 _BANK = 12
+_NOTHING_M = 50.0
+"""Where a ray meets nothing: as good as infinitely far."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ class StereoCamera:
         """A depth picture (H, W) uint16 in UNIT_M of what the rays met; ``hits`` may be on a coarser grid."""
         width, height = self.intrinsics.size
         noise, rng = self.noise, self.rng
-        true_depth = _enlarge(np.where(hits.depth > 0, hits.depth, np.float32(50)), (width, height))
+        true_depth = _enlarge(np.where(hits.depth > 0, hits.depth, np.float32(_NOTHING_M)), (width, height))
         cosine = np.maximum(_enlarge(hits.cosine, (width, height)), np.float32(0.02))
         water = (
             cv2.resize((hits.material == world.WATER).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
@@ -146,7 +148,11 @@ class StereoCamera:
         favour = None if noise.matching is None else self._favour(hits.material, noise.matching)
         seen = self._seen(true_depth, cosine, water, slant, favour)
         if noise.matching is not None:
-            seen &= (disparity < noise.matching.search_px) & (self._columns > disparity)
+            seen &= (
+                (disparity < noise.matching.search_px)
+                & (self._columns > disparity)
+                & (true_depth < np.float32(0.8 * _NOTHING_M))
+            )
         depth = np.where(seen & (measured > 0.05), pixels / np.maximum(measured, np.float32(0.05)), np.float32(0))
         depth = depth * np.float32(1 + self.window.scale)
         if noise.matching is None:

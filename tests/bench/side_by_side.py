@@ -2,9 +2,9 @@
 
 python -m tests.bench.side_by_side OUT.png [--frames 8]        real frames to the left, their twins to the right
 
-The real ones are those of $BORESCOUT_DATA. The twin is that of ``tests.bench.noise_fit``: the pipe that was fitted to the frame,
-from the same pose through the same lens, lit so that as much of its wall has a depth. Near is red, far is blue, black is without
-a measurement.
+The real ones are those of $BORESCOUT_DATA. The twin is that of ``tests.bench.noise_fit``: the pipe that was fitted to the
+frame, from the same pose through the same lens, lit so that as much of its wall has a depth. Near is red, far is blue, black is
+without a measurement.
 """
 
 from __future__ import annotations
