@@ -14,7 +14,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.virtual.noise import UNIT_M, Matching, StereoCamera, StereoNoise, Window
+from drivers.virtual.noise import UNIT_M, StereoCamera, StereoNoise, Window
 from drivers.virtual.profile import PipeProfile, circular, dented, oval
 from drivers.virtual.rig import HandMotion, Pose, sway
 from drivers.virtual.world import Deposit, Joint, VirtualSewer
@@ -143,7 +143,6 @@ def _recording(
         fine=0.14 * float(rng.uniform(0.8, 1.6)),
         coarse=0.16 * float(rng.uniform(0.8, 1.8)),
         light=0.25 if hopeless else float(rng.uniform(0.42, 0.6)) if poor else float(rng.uniform(0.75, 1.05)),
-        matching=Matching(),
         speckles=float(rng.uniform(200, 700)) if "speckle" in troubles or hopeless else float(rng.uniform(20, 90)),
     )
     moving = "hand motion" in troubles

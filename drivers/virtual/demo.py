@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.base import DriverError
 from drivers.virtual.faults import Fault
-from drivers.virtual.noise import Matching, StereoNoise, Window
+from drivers.virtual.noise import StereoNoise, Window
 from drivers.virtual.profile import PipeProfile, circular, dented, egg, oval
 from drivers.virtual.rig import HandMotion, Pose, sway
 from drivers.virtual.world import Deposit, Joint, VirtualSewer
@@ -112,7 +112,7 @@ class Description:
 
     def noise(self) -> StereoNoise:
         """Of the stereo camera."""
-        return StereoNoise(light=self.light, speckles=self.speckles, matching=Matching())
+        return StereoNoise(light=self.light, speckles=self.speckles)
 
     def window(self) -> Window:
         """In front of every camera."""

@@ -21,6 +21,8 @@ Array = NDArray[np.float32]
 UNIT_M = 0.001
 BASELINE_M = 0.05
 _BANK = 12
+_GHOST_M = 0.2
+"""Where dirt on the window seems to hang."""
 _NOTHING_M = 50.0
 """Where a ray meets nothing: as good as infinitely far."""
 
@@ -78,10 +80,7 @@ class StereoNoise:
     """Share of holes between the projector's dots on a well-lit wall."""
     speckles: float = 60.0
     """False matches a frame, where nothing true is seen."""
-    nearest: float = 0.17
-    """Metres; nearer, the two pictures share nothing."""
-    matching: Matching | None = None
-    """None: holes by light and angle alone, a band without depth at the left, and ``nearest`` at any width."""
+    matching: Matching = Matching()
 
 
 @dataclass(frozen=True)
@@ -113,12 +112,11 @@ class StereoCamera:
 
     def __post_init__(self) -> None:
         self._fixed = _field(self.intrinsics.size, 15, self.rng)
-        self._texture = _field(self.intrinsics.size, 9 if self.noise.matching is None else 5, self.rng)
+        self._texture = _field(self.intrinsics.size, 5, self.rng)
         self._smear = _smears(self.intrinsics.size, self.window)
-        if self.noise.matching is not None:
-            patches = self.rng.normal(size=(7, 11)).astype(np.float32) * np.float32(self.noise.matching.uneven)
-            self._patches = np.asarray(cv2.resize(patches, self.intrinsics.size, interpolation=cv2.INTER_CUBIC), np.float32)
-            self._columns = np.arange(self.intrinsics.width, dtype=np.float32)[None, :]
+        patches = self.rng.normal(size=(7, 11)).astype(np.float32) * np.float32(self.noise.matching.uneven)
+        self._patches = np.asarray(cv2.resize(patches, self.intrinsics.size, interpolation=cv2.INTER_CUBIC), np.float32)
+        self._columns = np.arange(self.intrinsics.width, dtype=np.float32)[None, :]
 
     def picture(self, hits: Hits) -> NDArray[np.uint16]:
         """A depth picture (H, W) uint16 in UNIT_M of what the rays met; ``hits`` may be on a coarser grid."""
@@ -137,55 +135,37 @@ class StereoCamera:
         coarse = (self._fixed + _field((width, height), 15, rng)) * np.float32(0.71 * noise.coarse)
         fine = _field((width, height), 3, rng) * np.float32(noise.fine)
         grazing = np.float32(0.5 * noise.grazing) * (1 / cosine - 1)
-        slant = None if noise.matching is None else self._slant(disparity)
-        if noise.matching is None or slant is None:
-            stray = (coarse + fine) * (1 + np.minimum(grazing, np.float32(2 * noise.grazing)))
-        else:
-            coarse *= 1 + np.minimum(grazing, np.float32(4 * noise.grazing))
-            stray = coarse + fine * (np.float32(0.8) + np.float32(noise.matching.slant_noise) * slant)
+        slant = self._slant(disparity)
+        coarse *= 1 + np.minimum(grazing, np.float32(4 * noise.grazing))
+        stray = coarse + fine * (np.float32(0.8) + np.float32(noise.matching.slant_noise) * slant)
         measured = disparity + stray * scale
         measured = np.round(measured * np.float32(noise.steps)) / np.float32(noise.steps)
-        favour = None if noise.matching is None else self._favour(hits.material, noise.matching)
-        seen = self._seen(true_depth, cosine, water, slant, favour)
-        if noise.matching is not None:
-            seen &= (
-                (disparity < noise.matching.search_px)
-                & (self._columns > disparity)
-                & (true_depth < np.float32(0.8 * _NOTHING_M))
-            )
+        seen = self._seen(true_depth, cosine, water, self._favour(hits.material) - np.float32(noise.matching.slant) * slant)
+        seen &= (disparity < noise.matching.search_px) & (self._columns > disparity)
+        seen &= true_depth < np.float32(0.8 * _NOTHING_M)
         depth = np.where(seen & (measured > 0.05), pixels / np.maximum(measured, np.float32(0.05)), np.float32(0))
         depth = depth * np.float32(1 + self.window.scale)
-        if noise.matching is None:
-            depth[depth < noise.nearest] = 0
         depth[self._smear == 1] = 0
         ghost = self._smear == 2
-        depth[ghost] = np.float32(noise.nearest + 0.03) + np.float32(0.01) * self._texture[ghost]
-        self._speckle(depth)
-        left = round((0.06 if noise.matching is None else 0.01) * width)
-        depth[:, :left] = 0
+        depth[ghost] = np.float32(_GHOST_M) + np.float32(0.01) * self._texture[ghost]
+        self._false_matches(depth)
+        depth[:, : round(0.01 * width)] = 0
         return _millimetres(depth)
 
-    def _seen(
-        self, depth: Array, cosine: Array, water: NDArray[np.bool_], slant: Array | None, favour: Array | None
-    ) -> NDArray[np.bool_]:
+    def _seen(self, depth: Array, cosine: Array, water: NDArray[np.bool_], favour: Array) -> NDArray[np.bool_]:
         """Where a match is found: light falls off with range and angle, texture decides, and water mirrors most of it away."""
         noise, matching = self.noise, self.noise.matching
-        grain = 5 if matching is None else 4
-        texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, grain, self.rng)
-        angle, fading = (0.35, 0.12) if matching is None else (matching.angle, matching.fading)
+        texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, 4, self.rng)
         light = np.float32(noise.light) * np.minimum(
-            np.float32(1.3) * cosine ** np.float32(angle) / (1 + np.float32(fading) * depth**2), 1
+            np.float32(1.3) * cosine ** np.float32(matching.angle) / (1 + np.float32(matching.fading) * depth**2), 1
         )
-        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12))
-        if matching is None or slant is None or favour is None:
-            margin = margin - np.clip((np.float32(0.27) - depth) * np.float32(8), 0, 2)
-        else:
-            margin = margin + self._patches - np.float32(matching.slant) * slant + favour
+        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12)) + self._patches + favour
         margin = np.where(water, margin - np.float32(1.6), margin)
         return np.asarray(texture < margin * np.float32(1.2))
 
-    def _favour(self, material: NDArray[np.uint8], matching: Matching) -> Array:
+    def _favour(self, material: NDArray[np.uint8]) -> Array:
         """For a wall that closes the view, against the rim around it, where a window of the matcher holds both surfaces."""
+        matching = self.noise.matching
         end = (material == world.END).astype(np.uint8)
         reach = round(matching.rim_px * material.shape[1] / 848)
         rim = cv2.dilate(end, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1)))
@@ -198,21 +178,9 @@ class StereoCamera:
         steep = np.abs(cv2.Sobel(small, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 32))
         return _enlarge(np.minimum(steep, np.float32(1)), self.intrinsics.size)
 
-    def _speckle(self, depth: Array) -> None:
-        """False matches: blobs at any range, where there is no true one."""
-        if self.noise.matching is not None:
-            self._false_matches(depth, self.noise.matching.search_px)
-            return
-        height, width = depth.shape
-        for _ in range(self.rng.poisson(self.noise.speckles)):
-            x, y = int(self.rng.uniform(0.05, 0.98) * width), int(self.rng.uniform(0, 0.98) * height)
-            w, h = int(self.rng.integers(4, 14) * width / 848) + 1, int(self.rng.integers(3, 9) * width / 848) + 1
-            patch = depth[y : y + h, x : x + w]
-            false = np.float32(np.exp(self.rng.uniform(np.log(0.2), np.log(5.0))))
-            patch[patch == 0] = false
-
-    def _false_matches(self, depth: Array, search_px: float) -> None:
-        """Round blobs whose disparity may be anything that fits into the picture, the same all over a blob."""
+    def _false_matches(self, depth: Array) -> None:
+        """Where there is no true match: round blobs whose disparity may be anything that fits into the picture, the same all
+        over a blob."""
         height, width = depth.shape
         pixels = self.intrinsics.fx * BASELINE_M
         for _ in range(self.rng.poisson(self.noise.speckles)):
@@ -221,7 +189,7 @@ class StereoCamera:
             v, u = np.ogrid[: int(h) + 1, : int(w) + 1]
             patch = depth[y : y + int(h) + 1, x : x + int(w) + 1]
             inside = ((u - w / 2) / (w / 2)) ** 2 + ((v - h / 2) / (h / 2)) ** 2 <= 1
-            false = pixels / self.rng.uniform(0.5, max(min(search_px, x), 1.0))
+            false = pixels / self.rng.uniform(0.5, max(min(self.noise.matching.search_px, x), 1.0))
             patch[inside[: patch.shape[0], : patch.shape[1]] & (patch == 0)] = np.float32(false)
 
 

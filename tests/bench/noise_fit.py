@@ -103,7 +103,7 @@ def lit_alike(pipe: Pipe, lens: Intrinsics, real: Sample, seed: int) -> tuple[fl
     low, high = 0.1, 1.6
     for _ in range(7):
         light = (low + high) / 2
-        picture = twin(pipe, lens, StereoNoise(light=light, matching=Matching()), seed)
+        picture = twin(pipe, lens, StereoNoise(light=light), seed)
         low, high = (light, high) if float((picture[real.looked] == 0).mean()) > wanted else (low, light)
     return light, picture
 

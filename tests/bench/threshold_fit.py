@@ -1,7 +1,8 @@
 """Fit the thresholds of the verdict and the error model of the interval, and say how they do on data that they were not
 fitted on.
 
-Virtual campaigns give recordings with a known truth; recordings of real pipes add single frames. The cost of accepting a
+Virtual campaigns give recordings with a known truth; frames of real pipes, as recorded and spoilt, add single ones. The cost
+of accepting a
 wrong number
 is COST_FALSE_ACCEPT times that of refusing a right one. Ties, which such a cost leaves wide, are settled by the middle of the
 gap
@@ -14,6 +15,7 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from device.surveys.diameter_result import SINGLE_FRAME_RESAMPLES
 from device.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
 from estimators.frame import estimate_frame
 from estimators.recording import MIN_FRAMES_FOR_SPREAD, ErrorModel, RecordingEstimate, combine
+from tests.bench.degradations import DEGRADATIONS, degrade
 from tests.bench.real_data import TOLERANCE_M, RealFrame, distance_outside, real_frames
 
 COST_FALSE_ACCEPT = 1000.0
@@ -94,8 +97,8 @@ def _fit_gate(samples: Sequence[Judged], thresholds: Thresholds, gate: Gate) -> 
     passing = [s for s in concerned if not reasons_to_refuse(s.estimate, open_gate)]
     right = sorted(gate.value(s.estimate) for s in passing if s.right)
     wrong = sorted(gate.value(s.estimate) for s in passing if not s.right)
-    if not wrong or not right:
-        return thresholds  # nothing that only this gate could stop: it stays where reasoning put it
+    if not right:
+        return thresholds
     sign = 1.0 if gate.upper else -1.0
     worst_right, best_wrong = sign * np.sort(sign * np.array(right)), sign * np.sort(sign * np.array(wrong))
     candidates = sorted({*worst_right, *best_wrong}, key=lambda v: sign * v)
@@ -108,7 +111,7 @@ def _fit_gate(samples: Sequence[Judged], thresholds: Thresholds, gate: Gate) -> 
     cheapest = int(np.argmin(prices))
     limit = candidates[cheapest]
     beyond = [v for v in best_wrong if sign * v > sign * limit]
-    if beyond:
+    if beyond:  # else the tightest limit that costs nothing, and no looser
         limit = math.sqrt(limit * beyond[0]) if limit > 0 and beyond[0] > 0 else 0.5 * (limit + beyond[0])
     return replace(thresholds, **{gate.field: float(f"{limit:.3g}")})
 
@@ -160,16 +163,19 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
     outcomes = [outcome for path in campaigns for outcome in load(path)]
     errors = fit_error_model(outcomes, errors)
     virtual = [Judged(o.estimate, o.right, f"{o.seed}/{o.pipe_id}") for o in with_errors(outcomes, errors)]
-    real = [_judge(frame, errors) for frame in real_frames()]
-    samples = [*virtual, *real]
+    frames = real_frames()
+    with ProcessPoolExecutor() as pool:
+        real = list(pool.map(_judge, [(frame, None, errors) for frame in frames]))
+        spoilt = list(pool.map(_judge, [(frame, name, errors) for frame in frames for name in DEGRADATIONS]))
+    samples = [*virtual, *real, *spoilt]
     wrong = sum(not s.right for s in samples)
     print(
-        f"{len(virtual)} virtual recordings, {len(real)} real frames; {wrong} of them wrong by more than {TOLERANCE_MM:.0f} mm"
+        f"{len(virtual)} virtual recordings, {len(real)} real and {len(spoilt)} degraded frames; {wrong} of them wrong by more than {TOLERANCE_MM:.0f} mm"
     )
     accepts, refusals, count = cross_validate(samples, start)
     print(f"{FOLDS}-fold cross-validation: {accepts} wrong accepted, {refusals} right refused, of {count}")
     thresholds = fit(samples, start)
-    for name, part in (("virtual", virtual), ("real", real)):
+    for name, part in (("virtual", virtual), ("real", real), ("degraded", spoilt)):
         _, accepts, refusals = cost(part, thresholds)
         print(f"Fitted, on {name}: {accepts} wrong accepted, {refusals} right refused, of {len(part)}")
     print(
@@ -178,7 +184,7 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
     seeds = sorted({o.seed for o in outcomes})
     data = {
         "fitted_by": f"tests/bench/threshold_fit.py, on virtual campaigns {seeds[0]} to {seeds[-1]} with "
-        f"{outcomes[0].estimate.frames} frames a recording and on {len(real)} real frames",
+        f"{outcomes[0].estimate.frames} frames a recording and on {len(real)} real and {len(spoilt)} degraded frames",
         **asdict(thresholds),
         "scale_std": errors.scale_std,
         "fit_factor": errors.fit_factor,
@@ -190,11 +196,12 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
         out.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
 
-def _judge(real: RealFrame, errors: ErrorModel) -> Judged:
-    frame = estimate_frame(real.depth, real.intrinsics, real.depth_unit_m, resamples=SINGLE_FRAME_RESAMPLES)
-    estimate = combine([frame], errors)
+def _judge(job: tuple[RealFrame, str | None, ErrorModel]) -> Judged:
+    real, degradation, errors = job
+    depth = real.depth if degradation is None else degrade(degradation, real.depth, real.name)
+    frame = estimate_frame(depth, real.intrinsics, real.depth_unit_m, resamples=SINGLE_FRAME_RESAMPLES)
     right = distance_outside(frame.diameter, real.truth_m) <= TOLERANCE_M
-    return Judged(estimate, right, real.name.rsplit("/", 1)[0])
+    return Judged(combine([frame], errors), right, real.name.rsplit("/", 1)[0])
 
 
 if __name__ == "__main__":

@@ -77,15 +77,16 @@ def test_half_of_the_coarse_noise_stays_with_the_scene() -> None:
 def test_a_grazing_wall_is_noisier_and_has_more_holes() -> None:
     spread = []
     for cosine in (1.0, 0.2):
-        depth = metres(stereo().picture(facing(0.6, cosine=cosine)))
+        depth = metres(stereo(noise=StereoNoise(light=0.6, speckles=0)).picture(facing(0.6, cosine=cosine)))
         spread.append((float(np.std(1 / depth[depth > 0])), float((depth == 0).mean())))
     assert spread[1][0] > 1.2 * spread[0][0]
     assert spread[1][1] > spread[0][1]
 
 
 def test_holes_grow_with_range_darkness_and_on_water() -> None:
-    near, far = holes(facing(0.6)), holes(facing(2.5))
-    assert near < 0.25
+    dim = StereoNoise(light=0.6, speckles=0)
+    near, far = holes(facing(0.6), dim), holes(facing(2.5), dim)
+    assert near < 0.35
     assert far > near
     assert holes(facing(0.6), StereoNoise(light=0.4, speckles=0)) > near + 0.2
     assert holes(facing(0.6, world.WATER)) > near + 0.2
@@ -93,7 +94,8 @@ def test_holes_grow_with_range_darkness_and_on_water() -> None:
 
 def test_nearer_than_it_can_see_there_is_nothing() -> None:
     assert holes(facing(0.1)) == 1.0
-    assert not stereo().picture(facing(0.6))[:, :40].any(), "the left border has no partner in the other picture"
+    shared_from = int(LENS.fx * BASELINE_M / 0.6) - 1
+    assert not stereo().picture(facing(0.6))[:, :shared_from].any(), "the left border has no partner in the other picture"
 
 
 def test_speckle_stands_only_where_nothing_true_is_seen() -> None:
@@ -174,6 +176,6 @@ def test_the_stereo_camera_keeps_the_shape_of_a_pipe() -> None:
     depth = stereo().picture(coarse).astype(float) / 1000
     use = (depth > 0.25) & (exact.depth < 1.0) & (exact.material == world.WALL)
     residual = LENS.fx * BASELINE_M * (1 / depth[use] - 1 / exact.depth[use])
-    assert use.mean() > 0.3
+    assert use.mean() > 0.25
     assert abs(np.median(residual)) < 0.1
     assert 1.4826 * np.median(np.abs(residual)) < 0.6
