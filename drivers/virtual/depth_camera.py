@@ -37,7 +37,7 @@ COLOR_FPS = 10
 """The operator's eye needs no more; between two colour pictures the last one is sent again, as pyrealsense2 does."""
 RESET_SECONDS = 0.5
 """For how long a camera is off the bus after a reset."""
-_LATE_S = 1.5
+_LATE_S, _LATE_EACH = 1.5, 10
 _SLOW_FPS = 2
 _HANG_CHECK_S = 0.02
 
@@ -312,6 +312,7 @@ class _Running:
         self._grid = np.ascontiguousarray(rays(self._lens)[::GRID, ::GRID])
         self._began = time.monotonic()
         self._last = 0
+        self._held: tuple[int, float] | None = None
         self._color: frame | None = None
         self._color_due = 0.0
         self._frozen: NDArray[np.uint16] | None = None
@@ -333,7 +334,7 @@ class _Running:
                 raise RuntimeError("Device disconnected")
             silent = "never comes" in self._camera.faults.active() or not self._owner.is_connected()
             if not silent and time.monotonic() >= ready:
-                self._last = number
+                self._last, self._held = number, None
                 return self._set(number)
             if time.monotonic() >= deadline:
                 return None
@@ -341,12 +342,17 @@ class _Running:
                 ready = time.monotonic() + self._period_s
 
     def _due(self) -> tuple[int, float]:
-        """(number, time) of the next picture: a reader who comes late has missed those before the latest."""
+        """(number, time) of the next picture: a reader who comes late has missed those before the latest, one that is late
+        itself is waited for."""
+        if self._held is not None:
+            return self._held
         faults = self._camera.faults.active()
         period_s = max(self._period_s, 1 / _SLOW_FPS if "slow" in faults else 0.0)
         number = max(self._last + max(1, round(period_s / self._period_s)), self._at(time.monotonic()))
-        late = _LATE_S if "late" in faults and number % 10 == 0 else 0.0
-        return number, self._began + number * self._period_s + late
+        ready = self._began + number * self._period_s
+        if "late" in faults and number % _LATE_EACH == 0:
+            self._held = (number, ready + _LATE_S)
+        return self._held or (number, ready)
 
     def _at(self, moment: float) -> int:
         return math.floor((moment - self._began) / self._period_s)

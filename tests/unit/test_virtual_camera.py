@@ -1,4 +1,4 @@
-"""The virtual cameras behind the driver that reads real ones, with everything that can go wrong with them."""
+"""What the virtual cameras do beyond the contract (test_depth_virtual.py): their pictures, their faults, the demo's box."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from drivers.virtual.depth_camera import STEREO_LENSES, TIME_OF_FLIGHT_LENSES, V
 from drivers.virtual.faults import CURES, FAULTS, Fault, FaultScript
 from drivers.virtual.rig import Pose
 from estimators.pinhole import Intrinsics, rays
-from tests.unit.depth_camera_contract import READ_S, LiveCameraContract, LiveRig
+from tests.unit.depth_camera_contract import READ_S, LiveRig
 
 STEREO = DepthSettings(640, 480, 30, serial=STEREO_SERIAL)
 TIME_OF_FLIGHT = DepthSettings(224, 172, 10, color=False, serial=TIME_OF_FLIGHT_SERIAL)
@@ -62,22 +62,6 @@ def rig() -> Iterator[TwinRig]:
 def read_on(rig: TwinRig, timeout_s: float) -> None:
     for _ in range(40):
         rig.camera.read(timeout_s)
-
-
-class TestVirtualStereo(LiveCameraContract):
-    @pytest.fixture
-    def rig(self) -> Iterator[TwinRig]:
-        made = TwinRig(STEREO)
-        yield made
-        made.close()
-
-
-class TestVirtualTimeOfFlight(LiveCameraContract):
-    @pytest.fixture
-    def rig(self) -> Iterator[TwinRig]:
-        made = TwinRig(TIME_OF_FLIGHT)
-        yield made
-        made.close()
 
 
 # --- as a camera ---
@@ -268,7 +252,9 @@ def test_a_late_picture_is_a_timeout_and_then_comes(rig: TwinRig) -> None:
     rig.twin.faults.trigger("late")
     with pytest.raises(FrameTimeout):
         read_on(rig, 0.8)
+    begun = time.monotonic()
     assert rig.camera.read(READ_S).depth.any()
+    assert time.monotonic() - begun > 0.3, "it was late, not lost"
 
 
 def test_a_camera_that_never_comes_is_silent_from_the_start(rig: TwinRig) -> None:
