@@ -10,6 +10,7 @@ import json
 import math
 import os
 import pickle
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -174,13 +175,11 @@ def virtual_campaign(
     thresholds, _ = shipped()
     started = time.monotonic()
     seeds = range(seed, seed + campaigns)
-    with click.progressbar(
-        run(seeds, recordings, frames, workers),
-        length=campaigns * recordings,
-        label="Measuring",
-        file=click.get_text_stream("stderr"),
-    ) as measuring:
-        outcomes = list(measuring)
+    outcomes: list[Outcome] = []
+    with click.progressbar(length=campaigns * recordings, label="Measuring", file=sys.stderr) as bar:
+        for outcome in run(seeds, recordings, frames, workers):
+            outcomes.append(outcome)
+            bar.update(1)
     if save_to is not None:
         save(outcomes, save_to)
     pipes = chosen_per_pipe(outcomes, thresholds)

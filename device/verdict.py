@@ -37,7 +37,7 @@ class Thresholds:
     max_half_interval_mm: float
     max_inside: float
     max_taper: float
-    min_roundness: float
+    max_out_of_round: float
 
 
 @cache
@@ -75,7 +75,7 @@ def reasons_to_refuse(recording: RecordingEstimate, thresholds: Thresholds) -> t
         ),
         ("water", blocked),
         ("aim", coverage_deg < t.min_coverage_deg or recording.proxies["orientation"][0] < t.min_orientation),
-        ("shape", recording.support.roundness < t.min_roundness),
+        ("shape", recording.support.out_of_round > t.max_out_of_round),
         ("motion", 1000 * recording.sway > t.max_sway_mm),
         ("wide_interval", 500 * (high - low) > t.max_half_interval_mm),
     )

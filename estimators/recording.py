@@ -19,12 +19,12 @@ PROXIES = ("inlier_share", "mse", "radius", "orientation")
 @dataclass(frozen=True)
 class ErrorModel:
     """What the spread cannot show. ``scale_std``: relative scale error of the camera and its window. ``fit_factor``: how much
-    larger the true error of a fit is than its covariance says. ``shape_factor``: relative error of the mean diameter per
-    share of the wall that lies off the circle. ``floor`` (m): wall roughness and joints."""
+    larger the true error of a fit is than its covariance says. ``shape_factor``: error of the mean diameter over what the
+    wall is out of round. ``floor`` (m): wall roughness and joints."""
 
     scale_std: float = 0.004
     fit_factor: float = 3.0
-    shape_factor: float = 0.06
+    shape_factor: float = 0.4
     floor: float = 0.0005
 
 
@@ -38,10 +38,10 @@ class Support:
     inside: float
     length: float
     taper: float
-    roundness: float
+    out_of_round: float
 
 
-NO_SUPPORT = Support(area=0.0, coverage=0.0, inlier_count=0.0, inside=0.0, length=0.0, taper=0.0, roundness=0.0)
+NO_SUPPORT = Support(area=0.0, coverage=0.0, inlier_count=0.0, inside=0.0, length=0.0, taper=0.0, out_of_round=0.0)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -
             inside=_median([fit.inside for _, fit in fits]),
             length=_median([fit.length for _, fit in fits]),
             taper=_median([abs(fit.taper) for _, fit in fits]),
-            roundness=_median([fit.roundness for _, fit in fits]),
+            out_of_round=_median([fit.out_of_round for _, fit in fits]),
         ),
         typical=typical,
     )
@@ -141,7 +141,7 @@ def _interval(radius: float, radius_std: float, fits: Sequence[CylinderFit], err
     between = radius_std / np.sqrt(len(fits)) if len(fits) >= MIN_FRAMES_FOR_SPREAD else radius_std
     fit = errors.fit_factor * _median([fit.radius_std for fit in fits])
     scale = errors.scale_std * radius
-    shape = errors.shape_factor * (1 - _median([fit.roundness for fit in fits])) * radius
+    shape = errors.shape_factor * _median([fit.out_of_round for fit in fits]) * radius
     half = 1.96 * 2 * float(np.linalg.norm([between, fit, scale, shape, errors.floor]))
     return max(2 * radius - half, 0.0), 2 * radius + half
 

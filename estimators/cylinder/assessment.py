@@ -18,14 +18,12 @@ _SECTORS = 36
 class CylinderFit:
     """A cylinder and how well the cloud supports it.
 
-    ``radius_std`` (m) comes from the covariance of the fit, with points that lie in one patch of wall taken as one witness.
-    ``inlier_share`` and ``mse`` (m^2, the square that eq. 7 is called for) are the paper's proxies, ``orientation`` is eq. 9,
-    ``coverage``
-    (rad) the angle around the axis where wall is seen, ``length`` (m) the wall seen along the axis, ``area`` see ``wall_area``,
-    ``inside`` the share of points that stand free in the pipe between the wall and the axis, ``taper`` the
-    change of radius along the axis (m per m; 0 for a pipe, not for a cone), ``roundness`` the share on the cylinder of all
-    that faces its axis, ``inlier_count`` the points on
-    the wall.
+    ``radius_std`` (m) comes from the covariance of the fit, with points in one patch of wall taken as one witness.
+    ``inlier_share`` and ``mse`` (m^2, the square that eq. 7 is called for) are the paper's proxies, ``orientation`` is eq. 9.
+    ``inlier_count`` is the number of points on the wall, ``coverage`` (rad) the angle around the axis in which wall is seen,
+    ``length`` (m) the wall seen along the axis, ``area`` see ``wall_area``, ``inside`` the share of points that stand free in
+    the pipe between wall and axis. ``taper`` is the change of radius along the axis (m per m; 0 for a pipe, not for a cone),
+    ``out_of_round`` the standard deviation of the radius around the axis over the radius (0 for a circle).
     """
 
     axis: NDArray[np.float64]
@@ -41,7 +39,7 @@ class CylinderFit:
     area: float
     inside: float
     taper: float
-    roundness: float
+    out_of_round: float
 
     @property
     def cylinder(self) -> Cylinder:
@@ -87,8 +85,21 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
         area=wall_area(cloud.points, cloud.normals, sigma, cylinder),
         inside=float(np.mean(free & within)),
         taper=_taper(cloud, cylinder, anchor, sigma),
-        roundness=float(on_wall[like_wall].mean()) if like_wall.any() else 0.0,
+        out_of_round=_out_of_round((everything @ basis)[like_wall], rho[like_wall]) / cylinder.radius,
     )
+
+
+def _out_of_round(across: NDArray[np.float64], rho: NDArray[np.float64]) -> float:
+    """Standard deviation (m) of the wall's distance from the axis around the pipe; 0 where fewer than three directions are seen.
+
+    Directions of 10 degrees speak by their medians, so that noise counts little, each with the weight of its points.
+    """
+    sector = np.floor(np.arctan2(across[:, 1], across[:, 0]) * (_SECTORS / (2 * np.pi))).astype(np.int64)
+    directions, count = np.unique(sector, return_counts=True)
+    if len(directions) < 3:
+        return 0.0
+    medians = np.array([float(np.median(rho[sector == k])) for k in directions])
+    return float(np.sqrt(np.average((medians - np.average(medians, weights=count)) ** 2, weights=count)))
 
 
 def _taper(cloud: OrientedPoints, cylinder: Cylinder, anchor: NDArray[np.float64], sigma: Array) -> float:

@@ -66,7 +66,7 @@ def test_each_threshold_refuses_by_itself(good: list[FrameEstimate]) -> None:
         ({"max_sway_mm": -1.0}, "motion"),
         ({"max_half_interval_mm": 0.0}, "wide_interval"),
         ({"max_inside": -1.0}, "water"),
-        ({"min_roundness": 1.01}, "shape"),
+        ({"max_out_of_round": -1.0}, "shape"),
     ):
         assert reasons_to_refuse(recording, dataclasses.replace(thresholds, **change)) == (reason,), change
 

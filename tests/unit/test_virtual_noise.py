@@ -88,7 +88,7 @@ def test_holes_grow_with_range_darkness_and_on_water() -> None:
     near, far = (holes(facing(distance, cosine=0.1), dim) for distance in (0.6, 2.5))
     assert near < 0.5
     assert far > near
-    assert holes(facing(0.6), StereoNoise(light=0.4, speckles=0)) > near + 0.2
+    assert holes(facing(0.6), StereoNoise(light=0.2, speckles=0)) > near + 0.1
     assert holes(facing(0.6, world.WATER)) > near + 0.2
 
 
