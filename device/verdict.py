@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
 
+from drivers.depth.base import STEREO_SCALE_STD
 from estimators.recording import MIN_FRAMES_FOR_SPREAD, ErrorModel, RecordingEstimate
 
 TOLERANCE_MM = 20.0
@@ -45,7 +46,7 @@ def shipped() -> tuple[Thresholds, ErrorModel]:
     """The thresholds and the error model that come with the package."""
     data = json.loads((files("device") / "data" / "diameter_thresholds.json").read_text(encoding="utf-8"))
     thresholds = Thresholds(**{field.name: float(data[field.name]) for field in fields(Thresholds)})
-    return thresholds, ErrorModel(data["scale_std"], data["fit_factor"], data["shape_factor"], data["floor_mm"] / 1000)
+    return thresholds, ErrorModel(STEREO_SCALE_STD, data["fit_factor"], data["shape_factor"], data["floor_mm"] / 1000)
 
 
 def reasons_to_refuse(recording: RecordingEstimate, thresholds: Thresholds) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from device.surveys.diameter_result import PipeContext, Result, choose, diameter
 from device.surveys.live import LiveEstimates
 from device.surveys.recording import Recording
 from device.workers import WorkerPool
+from drivers.depth.base import STEREO_SCALE_STD
 from estimators.picture import picture_quality
 
 log = logging.getLogger(__name__)
@@ -89,13 +90,14 @@ class DiameterSurvey(Survey):
 
     def _judge(self, job: Job, recording: Recording) -> NewRecording:
         pipe = job.pipe or {}
+        kept = recording.kept
         context = PipeContext(
             material=pipe.get("material"),
             reference_dn=pipe.get("reference_dn"),
             position=job.position,
             ask_second_position=True,
+            scale_std=STEREO_SCALE_STD if kept is None else kept[0].scale_std,
         )
-        kept = recording.kept
         color = None if kept is None else kept[0].color
         result = diameter_result(recording.estimates, context, None if color is None else picture_quality(color))
         settings: dict[str, Any] = {"frames_wanted": job.frames, "estimates_failed": recording.failed}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from device import dn
 from device.prompts import PROMPTS
 from device.verdict import SECOND_POSITION_FROM_MM, TOLERANCE_MM, reasons_to_refuse, shipped
+from drivers.depth.base import STEREO_SCALE_STD
 from estimators.cylinder import CylinderFit, orthonormal_basis
 from estimators.frame import FrameEstimate, estimate_frame
 from estimators.picture import PictureQuality, picture_quality
@@ -32,12 +33,14 @@ QUESTIONS = {
 
 @dataclass(frozen=True)
 class PipeContext:
-    """What is known before measuring. ``position`` is entrance, top or middle."""
+    """What is known before measuring. ``position`` is entrance, top or middle, ``scale_std`` the relative
+    scale error of the camera."""
 
     material: str | None = None
     reference_dn: int | None = None
     position: str | None = None
     ask_second_position: bool = False
+    scale_std: float = STEREO_SCALE_STD
 
 
 def frame_result(
@@ -51,7 +54,7 @@ def frame_result(
 def diameter_result(frames: Sequence[FrameEstimate], context: PipeContext, quality: PictureQuality | None = None) -> Result:
     """The finding of one recording (one camera, one position)."""
     thresholds, errors = shipped()
-    recording = combine(frames, errors)
+    recording = combine(frames, replace(errors, scale_std=context.scale_std))
     reasons = list(reasons_to_refuse(recording, thresholds))
     measured = recording.fitted > 0
     diameter_mm = 1000 * recording.diameter
@@ -92,8 +95,8 @@ def diameter_result(frames: Sequence[FrameEstimate], context: PipeContext, quali
 
 
 def choose(results: Sequence[Result]) -> Result:
-    """Of several recordings of one pipe (positions, cameras) the surer one: accepted before refused, then the smaller radius
-    std.
+    """Of several recordings of one pipe the surer one: accepted before refused, then of two cameras the one with the narrower
+    interval, which knows of the camera's own error, and of two positions the one with the smaller radius std.
 
     Two positions settle a ``second_position``; two accepted results that differ by more than the tolerance settle nothing.
     """
@@ -102,7 +105,8 @@ def choose(results: Sequence[Result]) -> Result:
     positions = {result["position"] for result in results}
     if len(positions) > 1:
         results = [_without(result, "second_position") for result in results]
-    best = min(results, key=_unsureness)
+    two_cameras = len({result.get("camera") for result in results}) > 1
+    best = min(results, key=lambda result: _unsureness(result, two_cameras))
     rivals = [
         other
         for other in results
@@ -167,9 +171,10 @@ def _trust(recording: RecordingEstimate, refused: bool) -> float:
     return min(trust, 0.69) if refused else max(trust, 0.7)
 
 
-def _unsureness(result: Result) -> tuple[bool, float]:
-    spread = result["radius_std_mm"]
-    return result["verdict"] != "accept", math.inf if spread is None else spread
+def _unsureness(result: Result, by_interval: bool) -> tuple[bool, float]:
+    interval, spread = result["interval_mm"], result["radius_std_mm"]
+    doubt = (interval[1] - interval[0] if interval else None) if by_interval else spread
+    return result["verdict"] != "accept", math.inf if doubt is None else doubt
 
 
 def _without(result: Result, code: str) -> Result:

@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 from drivers.base import BadFrame
 from estimators.pinhole import Intrinsics
 
+STEREO_SCALE_STD = 0.004
+"""Relative scale error that calibration and a window leave in active stereo: the shared recordings keep within it."""
+TIME_OF_FLIGHT_SCALE_STD = 0.02
+"""Time of flight reads a concave wall too far, since light also comes by way of the other side: some per cent."""
+
 
 @dataclass(frozen=True)
 class DepthFrame:
@@ -19,6 +24,7 @@ class DepthFrame:
 
     ``color`` (h, w, 3) uint8 BGR for the operator's eye, or None. ``monotonic_ns`` is the host's clock on arrival;
     ``number`` counts as the sensor counts, so that a gap is a lost frame. ``source`` says where it came from (camera, or file).
+    ``scale_std`` is the relative error that every distance of this camera may share.
     """
 
     depth: NDArray[np.uint16]
@@ -28,6 +34,7 @@ class DepthFrame:
     number: int
     color: NDArray[np.uint8] | None = None
     source: str = ""
+    scale_std: float = STEREO_SCALE_STD
     truth: dict[str, Any] = field(default_factory=dict)
     """What a twin knows of the frame. Empty on every real camera and on replay; no survey may read it."""
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base import BadFrame, DriverError, EndOfRecording, FrameTimeout, RecordingBroken, SensorLost, SensorMissing
-from drivers.depth.base import DepthCamera, DepthFrame, DepthSettings
+from drivers.depth.base import STEREO_SCALE_STD, TIME_OF_FLIGHT_SCALE_STD, DepthCamera, DepthFrame, DepthSettings
 from drivers.depth.bounded import call_within
 from estimators.pinhole import DISTORTION_MODELS, Intrinsics
 
@@ -54,6 +54,7 @@ class _Session:
     name: str
     notice: str
     swap_color: bool
+    scale_std: float
 
 
 class LibrealsenseCamera(DepthCamera):
@@ -186,6 +187,7 @@ class LibrealsenseCamera(DepthCamera):
                 name=name if self._recording is None else self._recording.name,
                 notice=" ".join([part for part in (request.notice, _notice(lacks)) if part]),
                 swap_color=swap,
+                scale_std=_scale_std(_info(rs, device, "product_line")),
             )
         except RuntimeError as error:
             _stop(pipeline)
@@ -282,6 +284,7 @@ class LibrealsenseCamera(DepthCamera):
             number=number,
             color=color,
             source=session.name,
+            scale_std=session.scale_std,
         )
 
     def reset(self) -> None:
@@ -350,6 +353,12 @@ def _connected(device: Any) -> bool:
         return bool(asked())
     except RuntimeError:
         return False
+
+
+def _scale_std(product_line: str | None) -> float:
+    """By the principle of the camera: L500 is librealsense's time-of-flight line, the others say ToF."""
+    line = product_line or ""
+    return TIME_OF_FLIGHT_SCALE_STD if "ToF" in line or line == "L500" else STEREO_SCALE_STD
 
 
 def _info(rs: Any, device: Any, what: str) -> str | None:

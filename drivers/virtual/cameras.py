@@ -48,6 +48,7 @@ def virtual_bus(description: Description, seed: int = 1) -> VirtualBus:
                 time_of_flight,
                 TIME_OF_FLIGHT_LENSES,
                 most_fps=TIME_OF_FLIGHT_FPS,
+                line="virtual ToF",
             ),
         ]
     )

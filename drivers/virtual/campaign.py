@@ -14,6 +14,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.depth.base import STEREO_SCALE_STD
 from drivers.virtual.noise import UNIT_M, StereoCamera, StereoNoise, Window
 from drivers.virtual.profile import PipeProfile, circular, dented, oval
 from drivers.virtual.rig import HandMotion, Pose, sway
@@ -22,8 +23,6 @@ from estimators.pinhole import Intrinsics, rays
 
 CAMERA = Intrinsics(640, 480, 381.41, 381.41, 322.6, 237.3)
 """The paper's resolution, with the intrinsics of the shared recordings."""
-SCALE_STD = 0.004
-"""Standard deviation of the relative scale error that calibration leaves in camera and cover; the device is told of it."""
 SIZES_MM = {150: 9, 200: 22, 250: 16, 300: 9, 400: 6, 500: 4, 600: 3, 700: 1, 800: 1, 900: 1, 1100: 2}
 """Pipes of each size: 74, of which the 27 above 250 mm are recorded at two positions, which makes 101 recordings."""
 _BOX_M = 0.06
@@ -98,7 +97,7 @@ def _pipe(seed: int, number: int, dn: int, rng: np.random.Generator) -> list[Vir
         deposit=_deposit(height, rng) if "deposit" in troubles else None,
         joints=tuple(Joint(float(z)) for z in np.arange(rng.uniform(0.3, 1.0), 6.0, 1.0)),
     )
-    scale = float(rng.normal(0, SCALE_STD))
+    scale = float(rng.normal(0, STEREO_SCALE_STD))
     positions = ("top", "middle") if dn > 250 else ("top",)
     return [
         _recording(seed, number, dn, sewer, position, troubles, scale, np.random.default_rng([seed, number, k + 1]), k)

@@ -64,7 +64,7 @@ class VirtualCamera:
     """One camera as a piece of hardware: it is there whether it is open or not, and remembers its faults.
 
     ``imager`` makes the sensor for a lens; ``painter`` the colour picture, None for a camera without colour; ``most_fps`` is
-    the highest rate it sends.
+    the highest rate it sends, ``line`` its product line.
     """
 
     name: str
@@ -75,6 +75,7 @@ class VirtualCamera:
     lenses: tuple[Intrinsics, ...]
     painter: Painter | None = None
     most_fps: int = 30
+    line: str = "virtual stereo"
     faults: FaultScript = field(default_factory=FaultScript)
     options: dict[option, float] = field(
         default_factory=lambda: {wanted: allowed.default for wanted, allowed in _RANGES.items()}
@@ -143,11 +144,13 @@ class Device:
         self._resets = camera.resets
 
     def supports(self, what: camera_info) -> bool:
-        return what in (camera_info.name, camera_info.serial_number)
+        return what in (camera_info.name, camera_info.serial_number, camera_info.product_line)
 
     def get_info(self, what: camera_info) -> str:
         if not self.supports(what):
             raise RuntimeError(f"{what.name} is not supported by the device")
+        if what is camera_info.product_line:
+            return self.camera.line
         return self.camera.name if what is camera_info.name else self.camera.serial
 
     def is_connected(self) -> bool:

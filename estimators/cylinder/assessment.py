@@ -73,7 +73,7 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
     _, sector_count = np.unique(sector, return_counts=True)
     return CylinderFit(
         axis=cylinder.axis,
-        point=anchor,
+        point=anchor + 0.5 * (low + high) * cylinder.axis,
         radius=cylinder.radius,
         radius_std=_clustered_radius_std(residual, jacobian, weight, patch),
         inlier_share=float(on_wall.mean()),
@@ -90,7 +90,7 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
 
 
 def _out_of_round(across: NDArray[np.float64], rho: NDArray[np.float64]) -> float:
-    """Standard deviation (m) of the wall's distance from the axis around the pipe; 0 where fewer than three directions are seen.
+    """Standard deviation (m) of the wall's distance from the axis, around the pipe; 0 with fewer than three directions.
 
     Directions of 10 degrees speak by their medians, so that noise counts little, each with the weight of its points.
     """

@@ -20,7 +20,7 @@ Array = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Unit ``axis`` (3,) pointing away from the camera, ``point`` (3,) of the axis next to the seen wall, ``radius``;
+    """Unit ``axis`` (3,) pointing away from the camera, ``point`` (3,) of the axis, ``radius``;
     metres."""
 
     axis: NDArray[np.float64]

@@ -181,7 +181,6 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
         "fitted_by": f"tests/bench/threshold_fit.py, on virtual campaigns {seeds[0]} to {seeds[-1]} with "
         f"{outcomes[0].estimate.frames} frames a recording and on {len(real)} real and {len(spoilt)} degraded frames",
         **asdict(thresholds),
-        "scale_std": errors.scale_std,
         "fit_factor": errors.fit_factor,
         "shape_factor": errors.shape_factor,
         "floor_mm": round(1000 * errors.floor, 3),

@@ -418,6 +418,7 @@ def test_devices_are_listed_by_serial_number_without_being_opened() -> None:
     pipeline, profile = started(bus, (oak.stream.depth,))
     assert profile.get_device().get_info(oak.camera_info.name) == "OAK-D-PRO"
     assert profile.get_device().get_info(oak.camera_info.usb_type_descriptor) == "SUPER"
+    assert profile.get_device().get_info(oak.camera_info.product_line) == "OAK"
     assert bus.device is not None
     assert bus.device.attempts == 0, "DepthAI must not hold a lost device while the ladder opens it"
     pipeline.stop()

@@ -105,6 +105,13 @@ def test_an_accepted_recording_is_taken_before_a_steadier_refused_one(good: list
     assert choose([refused, accepted]) is accepted
 
 
+def test_of_two_cameras_the_one_that_may_err_less_is_taken(good: list[FrameEstimate]) -> None:
+    stereo = {**diameter_result(good, PipeContext()), "camera": "stereo"}
+    flight = {**diameter_result(good, PipeContext(scale_std=0.02)), "camera": "time of flight", "radius_std_mm": 0.0}
+    assert flight["interval_mm"][1] - flight["interval_mm"][0] > 3 * (stereo["interval_mm"][1] - stereo["interval_mm"][0])
+    assert choose([flight, stereo]) is stereo
+
+
 def test_the_map_is_contradicted_aloud(good: list[FrameEstimate]) -> None:
     result = diameter_result(good, PipeContext("concrete", 300))
     assert result["reference"] == {"dn": 300, "agrees": False}

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.base import BadFrame, FrameTimeout, SensorLost, SensorMissing
-from drivers.depth.base import DepthSettings
+from drivers.depth.base import STEREO_SCALE_STD, TIME_OF_FLIGHT_SCALE_STD, DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera
 from drivers.registry import open_depth_cameras
 from drivers.virtual import world
@@ -434,3 +434,12 @@ def test_the_hand_trembles_smoothly_and_stays() -> None:
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert 0.0003 < np.std(places, axis=0).mean() < 0.005
     assert steps.max() < 0.004
+
+
+def test_each_camera_states_how_wrong_its_scale_may_be() -> None:
+    stated = []
+    for camera in open_depth_cameras("virtual", cameras=2):
+        camera.open()
+        stated.append(camera.read(2.0).scale_std)
+        camera.close()
+    assert stated == [STEREO_SCALE_STD, TIME_OF_FLIGHT_SCALE_STD]

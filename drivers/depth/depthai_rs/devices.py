@@ -174,7 +174,7 @@ class device:
         return self.query_sensors()
 
     def supports(self, what: camera_info) -> bool:
-        return what is not camera_info.usb_type_descriptor or self.opened is not None
+        return what in (camera_info.name, camera_info.serial_number) or self.opened is not None
 
     def get_info(self, what: camera_info) -> str:
         if what is camera_info.serial_number:
@@ -184,6 +184,9 @@ class device:
             return str(named or "OAK")
         if self.opened is None:
             raise RuntimeError("The device is not open")
+        if what is camera_info.product_line:
+            features = self.opened.getConnectedCameraFeatures()
+            return "OAK ToF" if any(self._dai.CameraSensorType.TOF in found.supportedTypes for found in features) else "OAK"
         return str(self.opened.getUsbSpeed().name)
 
     def is_connected(self) -> bool:

@@ -36,6 +36,7 @@ class camera_info(Enum):
     name = "name"
     serial_number = "serial_number"
     usb_type_descriptor = "usb_type_descriptor"
+    product_line = "product_line"
 
 
 class distortion(Enum):
