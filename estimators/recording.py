@@ -20,12 +20,12 @@ PROXIES = ("inlier_share", "mse", "radius", "orientation")
 class ErrorModel:
     """What the spread cannot show. ``scale_std``: relative scale error of the camera and its window. ``fit_factor``: how much
     larger the true error of a fit is than its covariance says. ``shape_factor``: error of the mean diameter over what the
-    wall is out of round. ``floor`` (m): wall roughness and joints."""
+    wall is out of round, which counts up to ``shape_limit``: beyond that the circle follows the sound part of the wall."""
 
     scale_std: float = 0.004
-    fit_factor: float = 3.0
-    shape_factor: float = 0.4
-    floor: float = 0.0005
+    fit_factor: float = 1.0
+    shape_factor: float = 0.6
+    shape_limit: float = 0.009
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,8 @@ def _interval(radius: float, radius_std: float, fits: Sequence[CylinderFit], err
     between = radius_std / np.sqrt(len(fits)) if len(fits) >= MIN_FRAMES_FOR_SPREAD else radius_std
     fit = errors.fit_factor * _median([fit.radius_std for fit in fits])
     scale = errors.scale_std * radius
-    shape = errors.shape_factor * _median([fit.out_of_round for fit in fits]) * radius
-    half = 1.96 * 2 * float(np.linalg.norm([between, fit, scale, shape, errors.floor]))
+    shape = errors.shape_factor * min(_median([fit.out_of_round for fit in fits]), errors.shape_limit) * radius
+    half = 1.96 * 2 * float(np.linalg.norm([between, fit, scale, shape]))
     return max(2 * radius - half, 0.0), 2 * radius + half
 
 
