@@ -31,6 +31,9 @@ from tests.bench.real_data import TOLERANCE_M, RealFrame, distance_outside, real
 
 COST_FALSE_ACCEPT = 1000.0
 FOLDS = 5
+NOT_FITTED = ("blur sideways 6 %",)
+"""A smear over 29 pixels along the rows makes a clean pipe of another width, which nothing in one frame can tell; no shutter
+does it."""
 
 
 @dataclass(frozen=True)
@@ -123,10 +126,10 @@ def cross_validate(samples: Sequence[Judged], start: Thresholds, seed: int = 0) 
     return accepts, refusals, len(samples)
 
 
-def fit_error_model(outcomes: Sequence[Outcome], start: ErrorModel) -> ErrorModel:
+def fit_error_model(outcomes: Sequence[Outcome], start: ErrorModel, thresholds: Thresholds) -> ErrorModel:
     """The factors whose 95 % interval covers nearest to 95.5 % in every band, counted in standard errors of that band.
 
-    ``scale_std`` is the camera's and stays.
+    Only those that let no wrong recording through ``thresholds`` are asked. ``scale_std`` is the camera's and stays.
     """
     sound = [o for o in outcomes if o.right]
     grid = [
@@ -138,7 +141,12 @@ def fit_error_model(outcomes: Sequence[Outcome], start: ErrorModel) -> ErrorMode
     def worst(model: ErrorModel) -> float:
         return max(abs(share - 0.955) * math.sqrt(count) for share, count in coverage(sound, model).values())
 
-    return min(grid, key=worst)
+    def lets_wrong_through(model: ErrorModel) -> bool:
+        wrong = with_errors([o for o in outcomes if not o.right], model)
+        return any(not reasons_to_refuse(o.estimate, thresholds) for o in wrong)
+
+    safe = [model for model in grid if not lets_wrong_through(model)]
+    return min(safe or grid, key=worst)
 
 
 def coverage(outcomes: Sequence[Outcome], errors: ErrorModel) -> dict[str, tuple[float, int]]:
@@ -160,12 +168,14 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
     """Fit the verdict on saved CAMPAIGNS (virtual-campaign --save) and on the real frames in BORESCOUT_DATA."""
     start, errors = shipped()
     outcomes = [outcome for path in campaigns for outcome in load(path)]
-    errors = fit_error_model(outcomes, errors)
+    errors = fit_error_model(outcomes, errors, start)
     virtual = [Judged(o.estimate, o.right, f"{o.seed}/{o.pipe_id}") for o in with_errors(outcomes, errors)]
     frames = real_frames()
     with ProcessPoolExecutor() as pool:
         real = list(pool.map(_judge, [(frame, None, errors) for frame in frames]))
-        spoilt = list(pool.map(_judge, [(frame, name, errors) for frame in frames for name in DEGRADATIONS]))
+        spoilt = list(
+            pool.map(_judge, [(frame, name, errors) for frame in frames for name in DEGRADATIONS if name not in NOT_FITTED])
+        )
     samples = [*virtual, *real, *spoilt]
     wrong = sum(not s.right for s in samples)
     print(f"{len(virtual)} virtual recordings, {len(real)} real and {len(spoilt)} degraded frames")
@@ -177,7 +187,8 @@ def main(campaigns: tuple[Path, ...], out: Path | None) -> None:
         _, accepts, refusals = cost(part, thresholds)
         print(f"Fitted, on {name}: {accepts} wrong accepted, {refusals} right refused, of {len(part)}")
     print(
-        "Coverage of the 95 % interval: " + ", ".join(f"{k} mm {100 * v:.1f} %" for k, v in coverage(outcomes, errors).items())
+        "Coverage of the 95 % interval: "
+        + ", ".join(f"{band} mm {100 * share:.1f} %" for band, (share, _) in coverage(outcomes, errors).items())
     )
     seeds = sorted({o.seed for o in outcomes})
     data = {
