@@ -63,14 +63,14 @@ class Gate:
 GATES = (
     Gate("max_radius_std_frames_mm", lambda e: 1000 * e.radius_std, True, False),
     Gate("max_radius_std_resampled_mm", lambda e: 1000 * e.radius_std, True, True),
-    Gate("max_taper", lambda e: e.support.taper, True),
     Gate("max_out_of_round", lambda e: e.support.out_of_round, True),
     Gate("min_area", lambda e: e.support.area, False),
     Gate("min_inliers", lambda e: e.support.inlier_count, False),
     Gate("min_inlier_share", lambda e: e.proxies["inlier_share"][0], False),
     Gate("min_coverage_deg", lambda e: math.degrees(e.support.coverage), False),
 )
-"""Fitted in this order, the paper's best proxy first. What is not here is set by reasoning: tilt, sway, free points, and half
+"""Fitted in this order, the paper's best proxy first. What is not here is set by reasoning: tilt, taper, sway, free points,
+and half
 the interval, which may be 12 mm, since the tolerance of 20 mm is then more than three standard deviations away."""
 
 
