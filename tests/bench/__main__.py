@@ -10,6 +10,7 @@ import time
 BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("real_frames", (), ()),
     ("proxies", (), ("--frames", "8")),
+    ("noise_fit", (), ()),
     ("paper_sweep", (), ()),
     ("cost", (), ()),
     ("peers", (), ("--frames", "5")),
