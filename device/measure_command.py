@@ -137,7 +137,8 @@ def _recordings(source: Path, most_frames: int | None, table: _Table) -> int:
             if quality is None and frame.color is not None:
                 quality = picture_quality(frame.color)
         result = diameter_result(estimates, PipeContext(), quality) if estimates else no_picture("camera_lost", None, "replay")
-        table.add(folder if folder.endswith(name) else f"{folder} {name}".strip(), {"recording": name, "folder": folder, **result, "camera": "replay"})
+        label = folder if folder.endswith(name) else f"{folder} {name}".strip()
+        table.add(label, {"recording": name, "folder": folder, **result, "camera": "replay"})
         table.progress(count + 1, len(recordings))
     return _count_unread(unread, total)
 
