@@ -6,7 +6,7 @@ PYTHON ?= python3
 RUN_ARGS ?=
 export BORESCOUT_DATA ?= $(wildcard $(CURDIR)/../shared/data)
 
-.PHONY: run test lint types venv dev wheel wheel-check bench soak lock clean
+.PHONY: run test lint types venv dev wheel wheel-check bench lock clean
 
 run: venv
 	$(BIN)/borescout serve --virtual $(RUN_ARGS)
