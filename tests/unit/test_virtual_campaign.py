@@ -9,7 +9,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from drivers.virtual.campaign import CAMERA, SCALE_STD, SIZES_MM, TROUBLES, campaign
+from drivers.depth.base import STEREO_SCALE_STD
+from drivers.virtual.campaign import CAMERA, SIZES_MM, TROUBLES, campaign
 from estimators.pinhole import rays
 
 
@@ -69,8 +70,8 @@ def test_other_seeds_are_other_campaigns() -> None:
 
 def test_the_scale_error_is_as_large_as_the_device_is_told() -> None:
     scales = [recording.window.scale for seed in range(6) for recording in campaign(seed)[::2]]
-    assert np.std(scales) == pytest.approx(SCALE_STD, rel=0.2)
-    assert abs(np.mean(scales)) < 0.3 * SCALE_STD
+    assert np.std(scales) == pytest.approx(STEREO_SCALE_STD, rel=0.2)
+    assert abs(np.mean(scales)) < 0.3 * STEREO_SCALE_STD
 
 
 def test_frames_show_the_pipe_they_come_from() -> None:
