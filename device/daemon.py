@@ -143,6 +143,12 @@ class Device:
         shown = self._live.shown()
         return clouds.EMPTY if shown is None else clouds.cloud_json(*shown)
 
+    def survey_picture(self, survey_id: int, kind: str) -> bytes | None:
+        """JPEG kept with a survey's chosen recording, or None. ``kind`` is "depth" or "color". Raises NotFound, Invalid."""
+        if kind not in PICTURE_KINDS:
+            raise Invalid("There are pictures of depth and of color.")
+        return self._store.surveys.picture(survey_id, kind)
+
     # Wells and pipes
 
     def nodes(self) -> list[dict[str, Any]]:

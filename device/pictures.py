@@ -32,12 +32,16 @@ class PictureCache:
             known = self._encoded.get(key)
             if known is not None and known[0] == frame.monotonic_ns:
                 return known[1]
-            picture = depth_in_colors(frame) if kind == "depth" else frame.color
-            if picture is None:
-                return None
-            data = _encode(picture)
-            self._encoded[key] = (frame.monotonic_ns, data)
+            data = frame_jpeg(kind, frame)
+            if data is not None:
+                self._encoded[key] = (frame.monotonic_ns, data)
             return data
+
+
+def frame_jpeg(kind: str, frame: DepthFrame) -> bytes | None:
+    """The "depth" or "color" picture of ``frame``, at most 640 pixels wide; None where the camera has no colour."""
+    picture = depth_in_colors(frame) if kind == "depth" else frame.color
+    return None if picture is None else _encode(picture)
 
 
 def depth_in_colors(frame: DepthFrame) -> NDArray[np.uint8]:

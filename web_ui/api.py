@@ -26,10 +26,7 @@ def blueprint(device: "Device") -> Blueprint:
 
     @api.get("/picture/<any(depth, color):kind>.jpg")
     def picture(kind: str) -> Response:
-        jpeg = device.picture(kind, request.args.get("camera") or None)
-        if jpeg is None:
-            return Response(status=204)
-        return Response(jpeg, mimetype="image/jpeg")
+        return _jpeg(device.picture(kind, request.args.get("camera") or None))
 
     @api.get("/cloud")
     def cloud() -> Response:
@@ -82,6 +79,10 @@ def blueprint(device: "Device") -> Blueprint:
     def survey(number: int) -> Response:
         return jsonify(device.survey(number))
 
+    @api.get(f"/surveys/{_ID}/picture/<any(depth, color):kind>.jpg")
+    def survey_picture(number: int, kind: str) -> Response:
+        return _jpeg(device.survey_picture(number, kind))
+
     @api.post(f"/surveys/{_ID}/answer")
     def answer(number: int) -> Response:
         return jsonify(device.answer(number, bodies.read(bodies.AnswerBody).model_dump()))
@@ -108,3 +109,7 @@ def blueprint(device: "Device") -> Blueprint:
         return jsonify(openapi.document())
 
     return api
+
+
+def _jpeg(picture: bytes | None) -> Response:
+    return Response(status=204) if picture is None else Response(picture, mimetype="image/jpeg")

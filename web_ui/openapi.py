@@ -69,6 +69,13 @@ def _paths() -> dict[str, dict[str, Any]]:
         "200": _answer("The picture.", {"type": "string", "format": "binary"}, "image/jpeg"),
         "204": _answer("No picture now."),
     }
+    kind = {"name": "kind", "in": "path", "required": True, "schema": {"enum": ["depth", "color"]}}
+    stored = _operation(
+        "The picture kept with the survey's chosen recording",
+        {**jpeg, "204": _answer("No such picture was kept.")},
+        path=True,
+        errors=(404,),
+    )
     stream = {"200": _answer("Events status, live, measurement and prompt.", {"type": "string"}, "text/event-stream")}
     return {
         "/status": {"get": _operation("Cameras, survey, storage and clock", _one("The status."))},
@@ -77,7 +84,7 @@ def _paths() -> dict[str, dict[str, Any]]:
             "get": {
                 **_operation("The newest picture", jpeg, query={"camera": "string"}),
                 "parameters": [
-                    {"name": "kind", "in": "path", "required": True, "schema": {"enum": ["depth", "color"]}},
+                    kind,
                     {"name": "camera", "in": "query", "required": False, "schema": {"type": "string"}},
                 ],
             }
@@ -126,6 +133,7 @@ def _paths() -> dict[str, dict[str, Any]]:
                 "Delete a survey; it can be restored", _DONE, body=bodies.Empty, path=True, errors=(404, 409, *_CHANGE)
             ),
         },
+        "/surveys/{number}/picture/{kind}.jpg": {"get": {**stored, "parameters": [*stored["parameters"], kind]}},
         "/surveys/{number}/answer": {
             "post": _operation(
                 "The operator's answers and verdict",

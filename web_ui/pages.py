@@ -55,7 +55,9 @@ def blueprint(device: "Device") -> Blueprint:
 
     @pages.get(f"/surveys/<int(min=1, max={bodies.MAX_ID}):number>")
     def result(number: int) -> str:
-        return render_template("result.html", survey=device.survey(number), questions=wording.QUESTIONS)
+        survey = device.survey(number)
+        kept = next((kind for kind in ("color", "depth") if device.survey_picture(number, kind) is not None), None)
+        return render_template("result.html", survey=survey, picture=kept, questions=wording.QUESTIONS)
 
     @pages.get("/favicon.ico")
     def favicon() -> ResponseReturnValue:

@@ -17,11 +17,13 @@ from device.surveys.joint_verdict import joint_verdict
 
 QUESTIONS = ("image_good", "cloud_is_pipe", "fit_aligned")
 _DAY_MS = 86_400_000
+_IDENTITY = ("camera", "position", "diameter_mm", "frames")
+"""What a conclusion leaves as it was in the result it was drawn from."""
 
 
 @dataclass(frozen=True)
 class NewRecording:
-    """A recording that has been judged: who recorded what, its RESULT, and the cloud to draw (see ``clouds.py``)."""
+    """A recording that has been judged: who recorded what, its RESULT, the cloud to draw (see ``clouds.py``), the JPEGs."""
 
     camera: str
     position: str | None
@@ -29,6 +31,8 @@ class NewRecording:
     result: dict[str, Any]
     cloud: dict[str, Any] | None
     settings: dict[str, Any]
+    picture_color: bytes | None = None
+    picture_depth: bytes | None = None
 
 
 class Surveys:
@@ -79,8 +83,16 @@ class Surveys:
                 ).lastrowid
                 cloud = None if recording.cloud is None else zlib.compress(dumps(recording.cloud).encode(), 6)
                 connection.execute(
-                    "INSERT INTO findings (survey_id, recording_id, kind, body, cloud) VALUES (?, ?, 'diameter', ?, ?)",
-                    (survey_id, recording_id, dumps(recording.result), cloud),
+                    "INSERT INTO findings (survey_id, recording_id, kind, body, cloud, picture_color, picture_depth)"
+                    " VALUES (?, ?, 'diameter', ?, ?, ?, ?)",
+                    (
+                        survey_id,
+                        recording_id,
+                        dumps(recording.result),
+                        cloud,
+                        recording.picture_color,
+                        recording.picture_depth,
+                    ),
                 )
             connection.execute("DELETE FROM findings WHERE survey_id = ? AND recording_id IS NULL", (survey_id,))
             connection.execute(
@@ -114,7 +126,7 @@ class Surveys:
             return [_summary(row, _operator(connection, row["id"])) for row in rows]
 
     def get(self, survey_id: int) -> dict[str, Any]:
-        """One survey with everything but its clouds. Raises NotFound."""
+        """One survey with everything but its clouds and pictures. Raises NotFound."""
         with self._database.read() as connection:
             row = _row(connection, survey_id)
             pipe = connection.execute("SELECT * FROM pipes WHERE id = ?", (row["pipe_id"],)).fetchone()
@@ -154,19 +166,30 @@ class Surveys:
 
     def cloud(self, survey_id: int) -> dict[str, Any] | None:
         """The cloud of the recording that was chosen, or the newest one; None where no recording has one. Raises NotFound."""
-        chosen = self.get(survey_id)["result"] or {}
         with self._database.read() as connection:
-            rows = connection.execute(
-                "SELECT cloud, camera, position FROM recordings JOIN findings ON findings.recording_id = recordings.id"
-                " WHERE recordings.survey_id = ? AND cloud IS NOT NULL ORDER BY recordings.id DESC",
-                (survey_id,),
-            ).fetchall()
-        if not rows:
+            chosen = _chosen(connection, survey_id)
+            row = connection.execute(
+                "SELECT cloud FROM findings WHERE survey_id = ? AND cloud IS NOT NULL"
+                " ORDER BY recording_id IS ? DESC, recording_id DESC",
+                (survey_id, chosen),
+            ).fetchone()
+        if row is None:
             return None
-        wanted = (chosen.get("camera"), chosen.get("position"))
-        row = next((row for row in rows if (row["camera"], row["position"]) == wanted), rows[0])
         cloud: dict[str, Any] = json.loads(zlib.decompress(row["cloud"]))
         return cloud
+
+    def picture(self, survey_id: int, kind: str) -> bytes | None:
+        """JPEG, "depth" or "color", of the recording that was chosen; None where none was kept. Raises NotFound.
+
+        Never another recording's: the operator judges the result by it.
+        """
+        with self._database.read() as connection:
+            row = connection.execute(
+                "SELECT picture_color AS color, picture_depth AS depth FROM findings WHERE recording_id = ?",
+                (_chosen(connection, survey_id),),
+            ).fetchone()
+        picture: bytes | None = None if row is None else row[kind]
+        return picture
 
     def answer(self, survey_id: int, said: dict[str, Any], by: str, note: str) -> None:
         """Keep what ``by`` said: {question: bool or None, "verdict": "accept", "retry" or None}. Raises NotFound."""
@@ -230,6 +253,19 @@ def _row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) 
     if row is None:
         raise NotFound(f"There is no survey number {survey_id}.")
     return row
+
+
+def _chosen(connection: sqlite3.Connection, survey_id: int) -> int | None:
+    """The recording whose result is the survey's: what tells two of one camera and position apart is compared too."""
+    _row(connection, survey_id)
+    rows = connection.execute(
+        "SELECT recording_id, body FROM findings WHERE survey_id = ? ORDER BY recording_id DESC", (survey_id,)
+    ).fetchall()
+    results = {row["recording_id"]: json.loads(row["body"]) for row in rows}
+    conclusion = results.pop(None, {})
+    return next(
+        (number for number, result in results.items() if all(result.get(k) == conclusion.get(k) for k in _IDENTITY)), None
+    )
 
 
 def _abandon(connection: sqlite3.Connection, survey_id: int) -> None:

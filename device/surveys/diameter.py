@@ -10,6 +10,7 @@ from device.bus import Bus
 from device.clouds import cloud_json
 from device.errors import EstimateFailed
 from device.feed import CameraFeed
+from device.pictures import frame_jpeg
 from device.prompts import PROMPTS
 from device.store import NewRecording, Store
 from device.surveys.base import Job, Outcome, Survey
@@ -115,6 +116,8 @@ class DiameterSurvey(Survey):
             result={**result, "camera": recording.feed.name},
             cloud=None if kept is None else cloud_json(*kept),
             settings=settings,
+            picture_color=None if kept is None else frame_jpeg("color", kept[0]),
+            picture_depth=None if kept is None else frame_jpeg("depth", kept[0]),
         )
 
     def _no_picture(self, job: Job, recordings: list[Recording]) -> Outcome:

@@ -152,6 +152,8 @@ class FakeDevice:
     seconds: float = 1.5
     calls: list[tuple[str, Any]] = field(default_factory=list)
     clock_source: str = "none"
+    kept: tuple[str, ...] = ("color", "depth")
+    """The kinds of picture that the recordings keep."""
 
     def __post_init__(self) -> None:
         self._lock = threading.RLock()
@@ -261,6 +263,12 @@ class FakeDevice:
         if self.scene == "lost":
             return None
         return (self._depth if kind == "depth" else self._color)[self._frame() % 6]
+
+    def survey_picture(self, survey_id: int, kind: str) -> bytes | None:
+        self.survey(survey_id)
+        if kind not in self.kept:
+            return None
+        return depth_jpeg(0) if kind == "depth" else color_jpeg(0)
 
     def cloud(self, survey_id: int | None) -> Json:
         if survey_id is not None:

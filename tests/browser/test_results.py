@@ -20,11 +20,35 @@ def test_the_drawings_are_drawn(screen: Watched, device: FakeDevice) -> None:
     texts = cross.locator("text").all_text_contents()
     assert {str(hour) for hour in range(1, 13)} <= set(texts)
     assert "100 mm" in texts
-    expect(page.locator("#evidence")).to_be_visible()
-    expect(page.locator("#evidence")).to_contain_text("not at the time of the measurement")
     boxes = page.locator("#boxes svg")
     expect(boxes).to_have_attribute("aria-label", re.compile("^Box plot of 50 diameters: median 398"))
     assert boxes.locator("circle").count() == 50
+
+
+@pytest.mark.parametrize("kind", ["color", "depth"])
+def test_the_picture_is_the_one_of_the_measurement(screen: Watched, device: FakeDevice, kind: str) -> None:
+    device.kept = ("color", "depth") if kind == "color" else ("depth",)
+    asked: list[str] = []
+    screen.page.on("request", lambda request: asked.append(request.url))
+    number = device.add_survey(None, None, "top", "accept")
+    page = screen.open(f"/surveys/{number}")
+    page.wait_for_load_state("networkidle")
+    expect(page.locator("#evidence figcaption")).to_have_text(re.compile("^At the measurement"))
+    assert page.locator("#picture").evaluate("(image) => [image.naturalWidth, image.naturalHeight]") == [640, 360]
+    pictures = [url for url in asked if "/picture/" in url]
+    assert [url.partition("/api/v1")[2] for url in pictures] == [f"/surveys/{number}/picture/{kind}.jpg"]
+    assert ("No colour picture was kept" in page.locator("#evidence").inner_text()) == (kind == "depth")
+
+
+def test_where_no_picture_was_kept_it_is_said_and_no_other_is_shown(screen: Watched, device: FakeDevice) -> None:
+    device.kept = ()
+    asked: list[str] = []
+    screen.page.on("request", lambda request: asked.append(request.url))
+    page = screen.open(f"/surveys/{device.add_survey(None, None, 'top', 'accept')}")
+    page.wait_for_load_state("networkidle")
+    expect(page.locator("#no-picture")).to_have_text("No picture was kept with this measurement.")
+    assert page.locator("#picture").count() == 0
+    assert not [url for url in asked if "/picture/" in url]
 
 
 def test_a_refused_survey_leaves_the_unseen_wall_open(screen: Watched, device: FakeDevice) -> None:

@@ -68,6 +68,12 @@ def test_measure_is_durable_before_it_is_said_to_be(bench: Open, tmp_path: Path)
     assert survey["pipe"]["name"] == "H1"
     assert survey["result"]["reference"] is not None
     assert len(box.device.cloud(survey_id)["points"]) > 100
+    for kind in ("depth", "color"):
+        picture = box.device.survey_picture(survey_id, kind)
+        assert picture is not None
+        assert picture.startswith(b"\xff\xd8")
+    with pytest.raises(NotFound):
+        box.device.survey_picture(99, "color")
     assert [row["id"] for row in box.device.surveys(pipe_id=pipe["id"])] == [survey_id]
     assert box.device.status()["survey"]["state"] == "idle"
 

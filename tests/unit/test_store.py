@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sqlite3
 import subprocess
 import sys
 import threading
+import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +133,40 @@ def test_the_cloud_is_that_of_the_chosen_recording(store: Store) -> None:
     cloud = store.surveys.cloud(survey_id)
     assert cloud == {"points": [[1, 1, 1]]}
     assert len(store.surveys.get(survey_id)["recordings"]) == 2
+
+
+def with_pictures(found: dict[str, Any], color: bytes | None, depth: bytes | None) -> NewRecording:
+    return replace(recording(found), picture_color=color, picture_depth=depth)
+
+
+def test_the_pictures_are_those_of_the_chosen_recording_and_of_no_other(store: Store) -> None:
+    first, second, third = result(401.0), result(402.0), result(403.0, position="middle")
+    survey_id = store.surveys.begin("diameter", None)
+    recordings = [with_pictures(first, b"first", b"deep"), with_pictures(second, b"second", None), recording(third)]
+    shown = []
+    for chosen in (first, {**second, "verdict": "retry", "prompts": []}, third):  # a conclusion may refuse what it chose
+        store.surveys.conclude(survey_id, "saved", recordings, chosen)
+        recordings = []
+        shown.append([store.surveys.picture(survey_id, kind) for kind in ("color", "depth")])
+    assert shown == [[b"first", b"deep"], [b"second", None], [None, None]]
+
+
+def test_pictures_go_with_their_survey(store: Store, clock: SteeredClock) -> None:
+    clock.offer(MAY_2026_MS)
+    survey_id = store.surveys.begin("diameter", None)
+    store.surveys.conclude(survey_id, "saved", [with_pictures(result(), b"color", b"depth")], result())
+    store.surveys.delete(survey_id)
+    with pytest.raises(NotFound):
+        store.surveys.picture(survey_id, "color")
+    store.surveys.restore(survey_id)
+    assert store.surveys.picture(survey_id, "color") == b"color"
+    store.surveys.delete(survey_id)
+    clock.ns += 31 * 86_400 * 10**9
+    assert store.surveys.purge(30) == 1
+    with store._database.read() as connection:
+        assert connection.execute("SELECT count(*) FROM findings").fetchone()[0] == 0
+    with pytest.raises(NotFound):
+        store.surveys.picture(survey_id, "color")
 
 
 def test_history_is_newest_first_in_pages_and_by_pipe(store: Store) -> None:
@@ -297,6 +334,29 @@ def test_a_new_migration_is_applied_to_an_old_database(
     assert newer.surveys.get(survey_id)["id"] == survey_id
     with newer._database.read() as connection:
         assert connection.execute("SELECT length_m FROM pipes").fetchall() == []
+
+
+def test_a_database_from_before_the_pictures_keeps_its_findings_and_takes_pictures(tmp_path: Path, clock: SteeredClock) -> None:
+    (tmp_path / "data").mkdir()
+    old = sqlite3.connect(tmp_path / "data" / FILE_NAME)
+    old.executescript(migrations()[0][1])
+    old.execute("PRAGMA user_version = 1")
+    old.execute("INSERT INTO surveys (id, kind, state, clock_source, boot_id, monotonic_ns) VALUES (7, '', 'saved', '', '', 0)")
+    old.execute("INSERT INTO recordings (id, survey_id, camera, position, frames) VALUES (3, 7, 'realsense', 'entrance', 50)")
+    body, cloud = json.dumps(result()), zlib.compress(b'{"points": [[1, 1, 1]]}')
+    for number, points in ((3, cloud), (None, None)):
+        old.execute(
+            "INSERT INTO findings (survey_id, recording_id, kind, body, cloud) VALUES (7, ?, '', ?, ?)", (number, body, points)
+        )
+    old.commit()
+    old.close()
+    store = Store(tmp_path / "data", clock)
+    assert store.surveys.get(7)["result"]["diameter_mm"] == 400.0
+    assert store.surveys.cloud(7) == {"points": [[1, 1, 1]]}
+    assert store.surveys.picture(7, "color") is None
+    better = result(401.0, position="middle")
+    store.surveys.conclude(7, "saved", [with_pictures(better, b"color", b"depth")], better)
+    assert [store.surveys.picture(7, kind) for kind in ("color", "depth")] == [b"color", b"depth"]
 
 
 def test_a_migration_that_fails_leaves_the_database_as_it_was(

@@ -63,6 +63,19 @@ def test_pictures_are_jpeg_and_never_kept(client: FlaskClient, device: FakeDevic
     assert error(client.get(f"/api/v1/picture/{kind}.jpg?camera=nobody"))[:2] == (404, "not_found")
 
 
+@pytest.mark.parametrize("kind", ["depth", "color"])
+def test_a_survey_has_the_pictures_that_were_kept(client: FlaskClient, device: FakeDevice, kind: str) -> None:
+    number = device.add_survey(None, None, "top", "accept")
+    response = client.get(f"/api/v1/surveys/{number}/picture/{kind}.jpg")
+    assert (response.status_code, response.mimetype) == (200, "image/jpeg")
+    assert response.data == device.survey_picture(number, kind)
+    device.kept = ()
+    response = client.get(f"/api/v1/surveys/{number}/picture/{kind}.jpg")
+    assert (response.status_code, response.data) == (204, b"")
+    assert error(client.get(f"/api/v1/surveys/999/picture/{kind}.jpg"))[:2] == (404, "not_found")
+    assert error(client.get(f"/api/v1/surveys/{number}/picture/infrared.jpg"))[0] == 404
+
+
 def test_other_pictures_do_not_exist(client: FlaskClient) -> None:
     for path in ("/picture/infrared.jpg", "/picture/depth.png", "/picture/../status", "/nothing"):
         assert error(client.get(f"/api/v1{path}"))[0] == 404

@@ -4,7 +4,6 @@ import { ask } from "./api.js";
 import { boxPlot } from "./box_plot.js";
 import { crossSection } from "./cross_section.js";
 import { announce, byId, data, html, localTimes, showFailure, wake } from "./dom.js";
-import { PicturePoller } from "./picture.js";
 import { startShell } from "./shell.js";
 
 const { id, result } = data("survey-data");
@@ -28,14 +27,6 @@ async function openCloud() {
   } catch (error) {
     place.replaceChildren(html("p", { class: "failed" }, error.message));
     button.disabled = false;
-  }
-}
-
-async function showPicture() {
-  try {
-    byId("evidence").hidden = !(await new PicturePoller(byId("picture"), "color", {}).fetchOne());
-  } catch {
-    // The picture is an aid; without it the page says nothing of a picture.
   }
 }
 
@@ -117,7 +108,6 @@ byId("delete-confirm").addEventListener("click", remove);
 if (result) {
   draw(byId("cross"), crossSection(result), "No cross-section.");
   draw(byId("boxes"), boxPlot(result.frames, result.interval_mm), "No frame gave a diameter.");
-  showPicture();
   byId("cloud-show").addEventListener("click", openCloud);
   byId("answer-form").addEventListener("submit", answer);
   if (!byId("by").value) byId("by").value = recall();
