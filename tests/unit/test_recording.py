@@ -23,9 +23,10 @@ def test_median_mean_and_weighted_mean(frames: list[FrameEstimate]) -> None:
 
 
 def test_interval_holds_the_truth_and_the_scale_error(frames: list[FrameEstimate]) -> None:
-    low, high = combine(frames, ErrorModel(scale_std=0.005)).interval
+    recording = combine(frames, ErrorModel(scale_std=0.005))
+    low, high = recording.interval
     assert low < 0.3 < high
-    assert high - low >= 2 * 1.96 * 0.005 * 0.3
+    assert high - low >= 2 * 1.96 * 0.005 * recording.diameter
     wider = combine(frames, ErrorModel(scale_std=0.02)).interval
     assert wider[1] - wider[0] > 2 * (high - low)
 
