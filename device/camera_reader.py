@@ -94,6 +94,7 @@ class CameraReader:
         self._call_since: float | None = None
         self._call_limit = 0.0
         self._number: int | None = None
+        self._pictures_to_prove = 0
         self._fingerprint: int | None = None
         self._repeats = self._empties = 0
         self._missing = False
@@ -197,10 +198,14 @@ class CameraReader:
             if empty or repeated:
                 self._sink.bad_frame(self, empty)
                 if self._repeats >= self._timing.repeats_before_frozen:
+                    self._pictures_to_prove = 2
                     raise FrozenCamera("The camera sends the same picture again and again; it is being restarted.")
                 if self._empties >= self._timing.empty_before_reopen:
                     raise EmptyPictures("The depth picture is empty: is the window covered, or is it too dark?")
                 return False
+            self._pictures_to_prove = max(0, self._pictures_to_prove - 1)
+            if self._pictures_to_prove:
+                return False  # one new picture after a freeze may be the next frozen one: a second proves that it moves
         self._number = frame.number
         self._sink.good_frame(self, frame, lost_before)
         return True
