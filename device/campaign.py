@@ -31,8 +31,7 @@ BANDS_MM = (0, 200, 300, 400, 600, 900, 1200)
 
 @dataclass(frozen=True)
 class Outcome:
-    """One measured recording beside its truth. ``fit_stds`` and ``radii`` (m) per frame allow another error model without
-    measuring again."""
+    """One measured recording beside its truth (m). ``frames`` allow another error model without measuring again."""
 
     seed: int
     recording_id: str

@@ -31,7 +31,7 @@ _MAX_STEP = 0.35
 
 @dataclass(frozen=True)
 class OrientedPoints:
-    """Points (N, 3) in metres, unit normals (N, 3) towards the camera, rays (N, 2), and the rms of the local fit in 1/m (N,).
+    """Points (N, 3) in metres, unit normals (N, 3) towards the camera, and the rms of the local fit in 1/m (N,).
 
     ``cells`` (N, 2) are (row, column) in the thinned grid of ``shape``; ``valid_share`` is the share of pixels with a depth
     in the crop.

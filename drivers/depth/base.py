@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,6 @@ class DepthFrame:
     color: NDArray[np.uint8] | None = None
     source: str = ""
     scale_std: float = STEREO_SCALE_STD
-    truth: dict[str, Any] = field(default_factory=dict)
-    """What a twin knows of the frame. Empty on every real camera and on replay; no survey may read it."""
 
 
 @dataclass(frozen=True)
