@@ -1,0 +1,1 @@
+"""Landmarks of a pipe from detections and the tether: projection, filter, association, tracks, smoothing (the CCTV paper)."""
