@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from device.bus import Event, Subscription
-from device.camera_reader import FeedTiming
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
 from device.feed import CameraFeed
+from device.reader import FeedTiming
 from device.workers import WorkerPool
 from drivers.base import FrameTimeout, SensorLost
 from drivers.depth.base import DepthCamera, DepthFrame

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from device.camera_reader import FeedTiming
 from device.config import Settings
 from device.daemon import Device
 from device.feed import CameraFeed, FeedStatus
+from device.reader import FeedTiming
 from drivers.depth.base import DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera
 from drivers.virtual.cameras import TIME_OF_FLIGHT_SERIAL, virtual_bus

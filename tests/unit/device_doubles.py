@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from drivers.base import BadFrame, FrameTimeout, RecordingBroken, SensorLost, SensorMissing
 from drivers.depth.base import DepthCamera, DepthFrame
+from drivers.encoder.base import Encoder, Reading
+from drivers.grabber.base import FrameGrabber, VideoFrame
 from estimators.frame import FrameEstimate
 from estimators.pinhole import Intrinsics
 
@@ -127,3 +129,63 @@ def thread_counts(depth: NDArray[np.uint16], intrinsics: Intrinsics, unit: float
 
     assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
     return FrameEstimate(None, None, 0.0, cv2.getNumThreads(), intrinsics)
+
+
+class ScriptedGrabber(FrameGrabber):
+    """As ``ScriptedCamera``, with words: frame, skip, timeout, lost, freeze, blue (no signal)."""
+
+    name = "scripted grabber"
+
+    def __init__(self, script: str, period_s: float = 0.002) -> None:
+        self.calls: list[str] = []
+        words = script.split()
+        self._words = itertools.chain(words, itertools.repeat(words[-1]))
+        self._period_s = period_s
+        self._number = 0
+
+    def _open(self) -> None:
+        self.calls.append("open")
+
+    def _read(self, timeout_s: float) -> VideoFrame:
+        time.sleep(self._period_s)
+        word = next(self._words)
+        self._number += 4 if word == "skip" else 1
+        if word == "timeout":
+            raise FrameTimeout("Nothing came.")
+        if word == "lost":
+            raise SensorLost("The grabber is gone.")
+        seed = 0 if word == "freeze" else next(_counter)
+        image = np.random.default_rng(seed).integers(20, 200, (48, 64, 3)).astype(np.uint8)
+        if word == "blue":
+            image[:] = (200, 30, 10)
+        return VideoFrame(image, time.monotonic_ns(), self._number)
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+class ScriptedEncoder(Encoder):
+    """Says the next number of ``script`` (the last one for ever), or times out on "timeout", or is gone on "lost"."""
+
+    name = "scripted encoder"
+
+    def __init__(self, script: str, period_s: float = 0.002) -> None:
+        self.calls: list[str] = []
+        words = script.split()
+        self._words = itertools.chain(words, itertools.repeat(words[-1]))
+        self._period_s = period_s
+
+    def _open(self) -> None:
+        self.calls.append("open")
+
+    def _read(self, timeout_s: float) -> Reading:
+        time.sleep(self._period_s)
+        word = next(self._words)
+        if word == "timeout":
+            raise FrameTimeout("The encoder said nothing.")
+        if word == "lost":
+            raise SensorLost("The encoder was unplugged.")
+        return Reading(float(word), time.monotonic_ns())
+
+    def close(self) -> None:
+        self.calls.append("close")

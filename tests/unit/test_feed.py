@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from device.camera_reader import FeedTiming
 from device.feed import CameraFeed
+from device.reader import FeedTiming
 from drivers.base import EndOfRecording
 from drivers.depth.base import DepthCamera, DepthFrame
 from tests.unit.device_doubles import ScriptedCamera, eventually, frame

@@ -1,0 +1,129 @@
+"""What tells one kind of source from another on the ladder: when its samples are worthless, and what the operator is told."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from drivers.depth.base import DepthFrame
+from drivers.encoder.base import Reading
+from drivers.grabber.base import VideoFrame
+
+
+class Sample(Protocol):
+    """Something a source sends, with the host's clock on arrival."""
+
+    @property
+    def monotonic_ns(self) -> int: ...
+
+
+S = TypeVar("S", bound=Sample)
+S_co = TypeVar("S_co", bound=Sample, covariant=True)
+
+
+class Source(Protocol[S_co]):
+    """A depth camera, a grabber or an encoder: see the abstract classes in ``drivers``."""
+
+    notice: str
+
+    def open(self) -> None: ...
+    def read(self, timeout_s: float = ...) -> S_co: ...
+    def reset(self) -> None: ...
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Wording:
+    """Sentences for the operator. ``stale`` takes the age in seconds."""
+
+    noun: str
+    starting: str
+    stale: str
+    silent: str
+    stuck: str
+    frozen: str
+    empty: str
+
+
+@dataclass(frozen=True)
+class Sampling(Generic[S]):
+    """How to judge one kind of sample.
+
+    ``number`` counts as the sensor counts, None where it does not. ``fingerprint`` tells one sample from the next; None where
+    the same value again and again is no fault (a tether that stands still). ``empty``: it came, and nothing is in it.
+    """
+
+    words: Wording
+    number: Callable[[S], int | None]
+    fingerprint: Callable[[S], int] | None
+    empty: Callable[[S], bool]
+
+
+_UNPLUG = "unplug it, plug it in again, and restart the box if that does not help."
+
+
+def _depth_print(frame: DepthFrame) -> int:
+    return zlib.crc32(np.ascontiguousarray(frame.depth[::4]).data)
+
+
+DEPTH: Sampling[DepthFrame] = Sampling(
+    Wording(
+        "camera",
+        "The camera is being started.",
+        "No picture for {:.0f} s.",
+        "The camera sends no pictures: check its cable. The box keeps trying.",
+        f"The camera does not answer at all: {_UNPLUG}",
+        "The camera sends the same picture again and again; it is being restarted.",
+        "The depth picture is empty: is the window covered, or is it too dark?",
+    ),
+    lambda frame: frame.number,
+    _depth_print,
+    lambda frame: not frame.depth.any(),
+)
+
+_EVEN = 3
+"""Grey levels between the darkest and the brightest pixel of a picture that shows nothing: a grabber without a signal."""
+
+
+def _video_print(frame: VideoFrame) -> int:
+    return zlib.crc32(np.ascontiguousarray(frame.image[::8, ::2]).data)
+
+
+def _no_signal(frame: VideoFrame) -> bool:
+    thinned = frame.image[::8, ::8].reshape(-1, 3)
+    return bool(np.all(thinned.max(axis=0).astype(int) - thinned.min(axis=0) <= _EVEN))
+
+
+VIDEO: Sampling[VideoFrame] = Sampling(
+    Wording(
+        "CCTV",
+        "The CCTV picture is being started.",
+        "No CCTV picture for {:.0f} s.",
+        "The CCTV sends no pictures: check the camera, its cable and the grabber. The box keeps trying.",
+        f"The CCTV grabber does not answer at all: {_UNPLUG}",
+        "The CCTV sends the same picture again and again; it is being restarted.",
+        "The CCTV picture is empty: the grabber gets no signal from the camera.",
+    ),
+    lambda frame: frame.number,
+    _video_print,
+    _no_signal,
+)
+
+TETHER: Sampling[Reading] = Sampling(
+    Wording(
+        "encoder",
+        "The tether encoder is being started.",
+        "The tether encoder has said nothing for {:.0f} s.",
+        "The tether encoder says nothing: check its cable. The box keeps trying.",
+        f"The tether encoder does not answer at all: {_UNPLUG}",
+        "",
+        "",
+    ),
+    lambda reading: None,
+    None,
+    lambda reading: False,
+)
