@@ -46,7 +46,7 @@ def shipped() -> tuple[Thresholds, ErrorModel]:
     """The thresholds and the error model that come with the package."""
     data = json.loads((files("device") / "data" / "diameter_thresholds.json").read_text(encoding="utf-8"))
     thresholds = Thresholds(**{field.name: float(data[field.name]) for field in fields(Thresholds)})
-    return thresholds, ErrorModel(STEREO_SCALE_STD, data["fit_factor"], data["shape_factor"], data["shape_limit"])
+    return thresholds, ErrorModel(STEREO_SCALE_STD, data["fit_factor"], data["shape_factor"])
 
 
 def reasons_to_refuse(recording: RecordingEstimate, thresholds: Thresholds) -> tuple[str, ...]:

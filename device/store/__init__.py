@@ -6,14 +6,15 @@ from pathlib import Path
 
 from device.clock import Clock
 from device.store.database import Database
+from device.store.drives import Drives, Kept, KeptLandmark, Remembered
 from device.store.places import Places
 from device.store.surveys import NewRecording, Surveys
 
-__all__ = ["NewRecording", "Store"]
+__all__ = ["Kept", "KeptLandmark", "NewRecording", "Store"]
 
 
 class Store:
-    """The database with its queries, by subject: ``places`` and ``surveys``.
+    """The database with its queries, by subject: ``places``, ``surveys`` and ``drives``; ``remembered`` holds settings.
 
     ``notice`` is a sentence for the operator where the database had to be set aside. Raises as ``Database`` does.
     """
@@ -23,6 +24,8 @@ class Store:
         self.notice = self._database.notice
         self.places = Places(self._database)
         self.surveys = Surveys(self._database, clock)
+        self.drives = Drives(self._database, clock)
+        self.remembered = Remembered(self._database)
 
     def close(self) -> None:
         """May be called twice."""

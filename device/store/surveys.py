@@ -19,6 +19,15 @@ QUESTIONS = ("image_good", "cloud_is_pipe", "fit_aligned")
 _DAY_MS = 86_400_000
 _IDENTITY = ("camera", "position", "diameter_mm", "frames")
 """What a conclusion leaves as it was in the result it was drawn from."""
+_DRIVE_FIELDS = ("landmarks", "from_m", "to_m", "frames", "seconds")
+_NO_DIAMETER: dict[str, Any] = {
+    "diameter_mm": None,
+    "interval_mm": None,
+    "dn": None,
+    "final_verdict": None,
+    "verdict_by": None,
+    "reasons": [],
+}
 
 
 @dataclass(frozen=True)
@@ -45,20 +54,7 @@ class Surveys:
     def begin(self, kind: str, pipe_id: int | None) -> int:
         """A new survey in the state "measuring"; its number."""
         with self._database.write() as connection:
-            number = connection.execute(
-                "INSERT INTO surveys (kind, pipe_id, state, created_ms, clock_source, boot_id, monotonic_ns)"
-                " VALUES (?, ?, 'measuring', ?, ?, ?, ?)",
-                (
-                    kind,
-                    pipe_id,
-                    self._clock.epoch_ms(),
-                    self._clock.source,
-                    self._clock.boot_id,
-                    self._clock.monotonic_ns(),
-                ),
-            ).lastrowid
-        assert number is not None  # sqlite gives every inserted row a number
-        return number
+            return begin_survey(connection, self._clock, kind, pipe_id)
 
     def abandon(self, survey_id: int) -> None:
         """A survey that came to nothing disappears; one that has findings keeps them."""
@@ -66,9 +62,15 @@ class Surveys:
             _abandon(connection, survey_id)
 
     def abandon_unfinished(self) -> int:
-        """What a power cut left in the state "measuring" is abandoned; how many there were."""
+        """What a power cut left in the state "measuring" is abandoned, but for drives; how many there were."""
         with self._database.write() as connection:
-            unfinished = [row["id"] for row in connection.execute("SELECT id FROM surveys WHERE state = 'measuring'")]
+            unfinished = [
+                row["id"]
+                for row in connection.execute(
+                    "SELECT id FROM surveys WHERE state = 'measuring'"
+                    " AND NOT EXISTS (SELECT 1 FROM drives WHERE survey_id = surveys.id)"
+                )
+            ]
             for survey_id in unfinished:
                 _abandon(connection, survey_id)
         return len(unfinished)
@@ -108,17 +110,22 @@ class Surveys:
     def reopen(self, survey_id: int) -> None:
         """Back to the state "measuring", for a second position. Raises NotFound."""
         with self._database.write() as connection:
-            _row(connection, survey_id)
+            survey_row(connection, survey_id)
             connection.execute("UPDATE surveys SET state = 'measuring' WHERE id = ?", (survey_id,))
 
     def summaries(self, pipe_id: int | None, limit: int, before: int | None) -> list[dict[str, Any]]:
-        """Newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}."""
+        """Newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}.
+
+        Of a drive there is no diameter and no verdict, but "landmarks", "from_m" and "to_m".
+        """
         with self._database.read() as connection:
             rows = connection.execute(
-                "SELECT surveys.*, pipes.name AS pipe_name, findings.body FROM surveys"
+                "SELECT surveys.*, pipes.name AS pipe_name, findings.body, drives.summary FROM surveys"
                 " LEFT JOIN pipes ON pipes.id = pipe_id"
-                " JOIN findings ON findings.survey_id = surveys.id AND recording_id IS NULL"
+                " LEFT JOIN findings ON findings.survey_id = surveys.id AND recording_id IS NULL"
+                " LEFT JOIN drives ON drives.survey_id = surveys.id"
                 " WHERE NOT surveys.deleted"
+                " AND (findings.id IS NOT NULL OR drives.survey_id IS NOT NULL AND surveys.state <> 'measuring')"
                 " AND (:pipe IS NULL OR pipe_id = :pipe) AND (:before IS NULL OR surveys.id < :before)"
                 " ORDER BY surveys.id DESC LIMIT :limit",
                 {"pipe": pipe_id, "before": before, "limit": limit},
@@ -128,7 +135,7 @@ class Surveys:
     def get(self, survey_id: int) -> dict[str, Any]:
         """One survey with everything but its clouds and pictures. Raises NotFound."""
         with self._database.read() as connection:
-            row = _row(connection, survey_id)
+            row = survey_row(connection, survey_id)
             pipe = connection.execute("SELECT * FROM pipes WHERE id = ?", (row["pipe_id"],)).fetchone()
             recordings = connection.execute(
                 "SELECT recordings.*, findings.body FROM recordings JOIN findings ON findings.recording_id = recordings.id"
@@ -139,8 +146,13 @@ class Surveys:
                 "SELECT body FROM findings WHERE survey_id = ? AND recording_id IS NULL", (survey_id,)
             ).fetchone()
             operator = _operator(connection, survey_id)
+            drive = connection.execute("SELECT 1 FROM drives WHERE survey_id = ?", (survey_id,)).fetchone()
         result = json.loads(conclusion["body"]) if conclusion else None
+        verdict: str | None
+        by: str | None
         verdict, by = joint_verdict(result["verdict"] if result else "retry", operator)
+        if drive is not None:
+            verdict, by = None, None
         return {
             "id": survey_id,
             "kind": row["kind"],
@@ -194,7 +206,7 @@ class Surveys:
     def answer(self, survey_id: int, said: dict[str, Any], by: str, note: str) -> None:
         """Keep what ``by`` said: {question: bool or None, "verdict": "accept", "retry" or None}. Raises NotFound."""
         with self._database.write() as connection:
-            _row(connection, survey_id)
+            survey_row(connection, survey_id)
             connection.execute(
                 "INSERT INTO answers (survey_id, last_recording, said, by_whom, note, created_ms, clock_source)"
                 " VALUES (:survey, (SELECT max(id) FROM recordings WHERE survey_id = :survey),"
@@ -212,7 +224,7 @@ class Surveys:
     def delete(self, survey_id: int) -> None:
         """Out of sight, but for ``restore``. Raises NotFound."""
         with self._database.write() as connection:
-            _row(connection, survey_id)
+            survey_row(connection, survey_id)
             connection.execute(
                 "UPDATE surveys SET deleted = 1, deleted_ms = ? WHERE id = ?", (self._clock.epoch_ms(), survey_id)
             )
@@ -220,7 +232,7 @@ class Surveys:
     def restore(self, survey_id: int) -> None:
         """Undo ``delete``. Raises NotFound where there is no such survey any more."""
         with self._database.write() as connection:
-            _row(connection, survey_id, deleted=True)
+            survey_row(connection, survey_id, deleted=True)
             connection.execute("UPDATE surveys SET deleted = 0, deleted_ms = NULL WHERE id = ?", (survey_id,))
 
     def purge(self, older_than_days: int) -> int:
@@ -246,7 +258,19 @@ class Surveys:
             )
 
 
-def _row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) -> sqlite3.Row:
+def begin_survey(connection: sqlite3.Connection, clock: Clock, kind: str, pipe_id: int | None) -> int:
+    """A new row in the state "measuring"; its number."""
+    number = connection.execute(
+        "INSERT INTO surveys (kind, pipe_id, state, created_ms, clock_source, boot_id, monotonic_ns)"
+        " VALUES (?, ?, 'measuring', ?, ?, ?, ?)",
+        (kind, pipe_id, clock.epoch_ms(), clock.source, clock.boot_id, clock.monotonic_ns()),
+    ).lastrowid
+    assert number is not None  # sqlite gives every inserted row a number
+    return number
+
+
+def survey_row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) -> sqlite3.Row:
+    """The row of a survey that is (not) deleted. Raises NotFound."""
     row: sqlite3.Row | None = connection.execute(
         "SELECT * FROM surveys WHERE id = ? AND (? OR NOT deleted)", (survey_id, deleted)
     ).fetchone()
@@ -257,7 +281,7 @@ def _row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) 
 
 def _chosen(connection: sqlite3.Connection, survey_id: int) -> int | None:
     """The recording whose result is the survey's: what tells two of one camera and position apart is compared too."""
-    _row(connection, survey_id)
+    survey_row(connection, survey_id)
     rows = connection.execute(
         "SELECT recording_id, body FROM findings WHERE survey_id = ? ORDER BY recording_id DESC", (survey_id,)
     ).fetchall()
@@ -305,9 +329,7 @@ def _operator(connection: sqlite3.Connection, survey_id: int) -> dict[str, Any] 
 
 
 def _summary(row: sqlite3.Row, operator: dict[str, Any] | None) -> dict[str, Any]:
-    result = json.loads(row["body"])
-    verdict, by = joint_verdict(result["verdict"], operator)
-    return {
+    common = {
         "id": row["id"],
         "kind": row["kind"],
         "created": iso(row["created_ms"]),
@@ -315,6 +337,14 @@ def _summary(row: sqlite3.Row, operator: dict[str, Any] | None) -> dict[str, Any
         "pipe_id": row["pipe_id"],
         "pipe": row["pipe_name"],
         "state": row["state"],
+    }
+    if row["summary"] is not None:
+        drive = json.loads(row["summary"])
+        return {**common, **{key: drive.get(key) for key in _DRIVE_FIELDS}, **_NO_DIAMETER}
+    result = json.loads(row["body"])
+    verdict, by = joint_verdict(result["verdict"], operator)
+    return {
+        **common,
         "diameter_mm": result["diameter_mm"],
         "interval_mm": result["interval_mm"],
         "dn": result["dn"],

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from device.bus import Bus
-from device.errors import Busy, DeviceError
+from device.errors import Busy, DeviceError, Invalid
 from device.store import Store
 
 log = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ class Survey(ABC):
             raise Busy("This survey is being measured: wait for it or cancel it.")
 
     def start(self, pipe_id: int | None, position: str | None, frames: int, survey_id: int | None) -> int:
-        """Begin to measure; the survey's number. Raises Busy, NotFound, StorageFull."""
+        """Begin to measure; the survey's number. Raises Busy, NotFound, Invalid, StorageFull."""
         with self._lock:
             if self.busy:
                 raise Busy("A measurement is under way: wait for it or cancel it.")
@@ -82,6 +82,8 @@ class Survey(ABC):
                 job = Job(self._store.surveys.begin(self.kind, pipe_id), pipe, position or "entrance", frames, False)
             else:
                 survey = self._store.surveys.get(survey_id)
+                if survey["kind"] != self.kind:
+                    raise Invalid(f"Survey {survey_id} is no {self.kind} survey and cannot be continued as one.")
                 continues = bool(survey["recordings"])  # not after a first try that failed
                 self._store.surveys.reopen(survey_id)
                 job = Job(survey_id, survey["pipe"], position or ("middle" if continues else "entrance"), frames, continues)
