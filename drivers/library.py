@@ -1,4 +1,4 @@
-"""The camera makers' Python packages: imported where they are used, so that a box needs only its own camera's."""
+"""Python packages that come with an extra: imported where they are used, so that a box needs only its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.base import SensorMissing
 
-EXTRAS = {"pyrealsense2": "realsense", "depthai": "oak"}
+EXTRAS = {"pyrealsense2": "realsense", "depthai": "oak", "rapidocr": "osd", "onnxruntime": "osd"}
 
 
 def library(name: str) -> Any:
