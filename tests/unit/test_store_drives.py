@@ -53,9 +53,8 @@ def driven(store: Store, *landmarks: KeptLandmark, pipe_id: int | None = None) -
 def test_a_drive_comes_back_as_it_was_kept_bit_by_bit(store: Store) -> None:
     pipe = store.places.create_pipe({"name": "H1"})
     survey_id = driven(store, landmark(2, 8.0), landmark(1), pipe_id=pipe["id"])
-    store.drives.keep(
-        survey_id, Kept(landmarks=[landmark(1, 3.25, None)], rings=[{"chainage_m": 1.0, "sightings": 4}], log=[1])
-    )
+    rings = [{"chainage_m": 1.0, "sightings": 4}]
+    store.drives.keep(survey_id, Kept(landmarks=[landmark(1, 3.25, None)], rings=rings, log=[1]))
     fault = {"time_s": 2.0, "chainage_m": 1.1, "what": "encoder", "text": "The encoder was unplugged."}
     summary = {"from_m": 0.0, "to_m": 9.5, "frames": 250, "seconds": 10.0, "landmarks": 2}
     store.drives.keep(survey_id, Kept(faults=[fault], log=[2, 3], summary=summary), state="saved")
