@@ -13,6 +13,8 @@ MATERIALS: tuple[str, ...] = get_args(Material)
 SHAPES: tuple[str, ...] = get_args(Shape)
 Position = Literal["entrance", "top", "middle"]
 Verdict = Literal["accept", "retry"]
+Direction = Literal["downstream", "upstream"]
+Decision = Literal["confirmed", "rejected"]
 Id = Annotated[int, Field(ge=1, le=MAX_ID)]
 
 
@@ -40,6 +42,9 @@ def _note(text: str) -> str:
 Name = Annotated[str, Field(max_length=80), AfterValidator(_name)]
 Line = Annotated[str, Field(max_length=80), AfterValidator(_one_line)]
 Note = Annotated[str, Field(max_length=2000), AfterValidator(_note)]
+Chainage = Annotated[float, Field(ge=-1000, le=100_000, allow_inf_nan=False, description="m along the pipe")]
+Length = Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False, description="m")]
+Clock = Annotated[float, Field(gt=0, le=12, description="clock position, 12 at the crown")]
 ReferenceDn = Annotated[int, Field(ge=50, le=4000, description="nominal diameter on the map, mm")]
 
 
@@ -88,6 +93,60 @@ class MeasureBody(Body):
     survey_id: Id | None = None
 
 
+class DriveBody(Body):
+    """Start a drive: which pipe, which way, its interior radius where it is known, the chainage it begins at."""
+
+    pipe_id: Id | None = None
+    direction: Direction = "downstream"
+    radius_m: Annotated[float, Field(ge=0.02, le=5)] | None = None
+    start_chainage_m: Chainage = 0.0
+
+
+class MarkBody(Body):
+    """A landmark that the operator sees where the crawler is now; the clock position where it is known."""
+
+    label: Name
+    clock: Clock | None = None
+    note: Note = ""
+
+
+class EndBody(Body):
+    """The crawler is at the end node; `length_m` is the pipe's length from node to node where it is known."""
+
+    length_m: Length | None = None
+
+
+class EncoderBody(Body):
+    """How the tether's counts become metres; absent fields stay."""
+
+    counts_per_metre: Annotated[float, Field(gt=0, le=1e9)] = 1.0
+    direction: Literal[1, -1] = 1
+
+
+class ZeroBody(Body):
+    """The crawler stands at this chainage now."""
+
+    chainage_m: Chainage = 0.0
+
+
+class CalibrateBody(Body):
+    """Two-point calibration: once at the start, once at the end with the length between the two."""
+
+    point: Literal["start", "end"]
+    length_m: Length | None = None
+
+
+class LandmarkChange(Body):
+    """What somebody says of a landmark; absent fields stay as they were said, null takes a word back."""
+
+    decision: Decision | None = None
+    label: Annotated[Name | None, Field(alias="class")] = None
+    chainage_m: Chainage | None = None
+    clock: Clock | None = None
+    note: Note = ""
+    by: Line = ""
+
+
 class AnswerBody(Body):
     """What the operator says about a survey: the three visual questions and the verdict."""
 
@@ -125,6 +184,14 @@ class CloudQuery(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     survey_id: Id | None = None
+
+
+class DrivePictureQuery(BaseModel):
+    """Whether the projected grid and the tracked landmarks are drawn into the picture."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    overlay: bool = False
 
 
 class MeasureQuery(BaseModel):

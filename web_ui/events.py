@@ -89,6 +89,7 @@ class Stream:
         yield b"retry: 2000\n\n"
         yield frame("status", self._device.status())
         yield frame("live", self._device.live())
+        yield frame("drive", self._device.drive())
         spoke = time.monotonic()
         while not (self._stopped.is_set() or subscription.closed or self._gone()):
             event = subscription.get(_WAIT_S)

@@ -24,13 +24,13 @@ def _operation(
     *,
     body: type[BaseModel] | None = None,
     query: dict[str, str] | None = None,
-    path: bool = False,
+    path: bool | tuple[str, ...] = False,
     errors: tuple[int, ...] = (),
 ) -> dict[str, Any]:
     operation: dict[str, Any] = {"summary": summary, "responses": dict(responses)}
     parameters: list[dict[str, Any]] = []
-    if path:
-        parameters.append({"name": "number", "in": "path", "required": True, "schema": {"type": "integer", "minimum": 1}})
+    for name in (("number",) if path else ()) if isinstance(path, bool) else path:
+        parameters.append({"name": name, "in": "path", "required": True, "schema": {"type": "integer", "minimum": 1}})
     for name, kind in (query or {}).items():
         parameters.append({"name": name, "in": "query", "required": False, "schema": {"type": kind}})
     if parameters:
@@ -58,6 +58,13 @@ _BODIES: tuple[type[BaseModel], ...] = (
     bodies.PipeBody,
     bodies.PipeChange,
     bodies.MeasureBody,
+    bodies.DriveBody,
+    bodies.MarkBody,
+    bodies.EndBody,
+    bodies.EncoderBody,
+    bodies.ZeroBody,
+    bodies.CalibrateBody,
+    bodies.LandmarkChange,
     bodies.AnswerBody,
     bodies.ClockBody,
     bodies.Empty,
@@ -76,7 +83,7 @@ def _paths() -> dict[str, dict[str, Any]]:
         path=True,
         errors=(404,),
     )
-    stream = {"200": _answer("Events status, live, measurement and prompt.", {"type": "string"}, "text/event-stream")}
+    stream = {"200": _answer("Events status, live, measurement, prompt and drive.", {"type": "string"}, "text/event-stream")}
     return {
         "/status": {"get": _operation("Cameras, survey, storage and clock", _one("The status."))},
         "/live": {"get": _operation("The live estimate of the best camera, or null", _one("The estimate."))},
@@ -119,6 +126,7 @@ def _paths() -> dict[str, dict[str, Any]]:
             )
         },
         "/measure/cancel": {"post": _operation("Cancel the measurement", _DONE, body=bodies.Empty, errors=_CHANGE)},
+        **_drive_paths(jpeg),
         "/surveys": {
             "get": _operation(
                 "The newest surveys",
@@ -148,6 +156,58 @@ def _paths() -> dict[str, dict[str, Any]]:
         },
         "/clock": {"post": _operation("The browser offers its time", _DONE, body=bodies.ClockBody, errors=_CHANGE)},
         "/openapi.json": {"get": _operation("This document", {"200": _answer("OpenAPI 3.1.", _OBJECT)})},
+    }
+
+
+def _drive_paths(jpeg: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    what = {"name": "what", "in": "path", "required": True, "schema": {"enum": ["pause", "resume", "cancel"]}}
+    steer = _operation("Steer the drive; cancel forgets it", _DONE, body=bodies.Empty, errors=(409, *_CHANGE))
+    encoder = _one("The encoder with its calibration.")
+    landmark = ("number", "landmark")
+    return {
+        "/drive": {
+            "get": _operation("The drive under way, the CCTV and the tether", _one("The drive.")),
+            "post": _operation(
+                "Start a drive", _one("The survey's id.", "202"), body=bodies.DriveBody, errors=(404, 409, 507, *_CHANGE)
+            ),
+        },
+        "/drive/{what}": {"post": {**steer, "parameters": [what]}},
+        "/drive/mark": {
+            "post": _operation(
+                "Mark a landmark by hand", _one("The landmark.", "201"), body=bodies.MarkBody, errors=(409, *_CHANGE)
+            )
+        },
+        "/drive/end": {
+            "post": _operation(
+                "The end node is reached: smooth and store",
+                _one("The survey's id.", "202"),
+                body=bodies.EndBody,
+                errors=(409, *_CHANGE),
+            )
+        },
+        "/drive/picture.jpg": {"get": _operation("The CCTV picture", jpeg, query={"overlay": "boolean"}, errors=(422,))},
+        "/encoder": {
+            "put": _operation("Counts per metre and direction", encoder, body=bodies.EncoderBody, errors=(409, *_CHANGE))
+        },
+        "/encoder/zero": {
+            "post": _operation("The crawler stands at this chainage", encoder, body=bodies.ZeroBody, errors=(409, *_CHANGE))
+        },
+        "/encoder/calibrate": {
+            "post": _operation("Two-point calibration", encoder, body=bodies.CalibrateBody, errors=(409, *_CHANGE))
+        },
+        "/surveys/{number}/map": {"get": _operation("The map of a drive", _one("The map."), path=True, errors=(404,))},
+        "/surveys/{number}/landmarks/{landmark}/thumbnail.jpg": {
+            "get": _operation("A landmark's picture", jpeg, path=landmark, errors=(404,))
+        },
+        "/surveys/{number}/landmarks/{landmark}": {
+            "patch": _operation(
+                "Confirm, reject, correct or note; the measured values stay",
+                _one("The landmark."),
+                body=bodies.LandmarkChange,
+                path=landmark,
+                errors=(404, *_CHANGE),
+            )
+        },
     }
 
 

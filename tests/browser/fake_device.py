@@ -19,6 +19,7 @@ import numpy as np
 
 from device.bus import Bus, Subscription
 from device.errors import Busy, Invalid, NotFound
+from tests.browser.fake_drive import FakeDrive
 
 Json = dict[str, Any]
 
@@ -144,7 +145,7 @@ def color_jpeg(number: int) -> bytes:
 
 
 @dataclass
-class FakeDevice:
+class FakeDevice(FakeDrive):
     """The facade over canned answers; thread-safe enough for a web server."""
 
     scene: str = "good"
@@ -171,6 +172,7 @@ class FakeDevice:
         self._depth = [depth_jpeg(n) for n in range(6)]
         self._color = [color_jpeg(n) for n in range(6)]
         self._threads: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
+        self.set_up_drive()
         self._start(self._publish)
 
     def _start(self, target: Any, *args: Any) -> None:
@@ -418,9 +420,15 @@ class FakeDevice:
                     "reasons": finding["reasons"],
                 }
             )
-        return rows[:limit]
+        for row in self.drive_rows():
+            if pipe_id in (None, row["pipe_id"]) and (before is None or row["id"] < before):
+                rows.append(row)
+        return sorted(rows, key=lambda row: -row["id"])[:limit]
 
     def survey(self, survey_id: int) -> Json:
+        drive = self.drive_survey(survey_id)
+        if drive is not None:
+            return drive
         if survey_id not in self._surveys:
             raise NotFound(f"There is no survey {survey_id}.")
         return self._surveys[survey_id]
@@ -443,13 +451,15 @@ class FakeDevice:
         return survey
 
     def delete_survey(self, survey_id: int) -> None:
-        self._deleted[survey_id] = self.survey(survey_id)
-        del self._surveys[survey_id]
+        self.survey(survey_id)
+        shelf = self._maps if survey_id in self._maps else self._surveys
+        self._deleted[survey_id] = shelf.pop(survey_id)
 
     def restore_survey(self, survey_id: int) -> None:
         if survey_id not in self._deleted:
             raise NotFound(f"There is no deleted survey {survey_id}.")
-        self._surveys[survey_id] = self._deleted.pop(survey_id)
+        back = self._deleted.pop(survey_id)
+        (self._maps if "landmarks" in back else self._surveys)[survey_id] = back
 
     def set_clock(self, epoch_ms: int) -> None:
         self.calls.append(("set_clock", epoch_ms))

@@ -131,7 +131,7 @@ def test_silence_is_broken_by_a_heartbeat(device: FakeDevice, monkeypatch: pytes
     monkeypatch.setattr(device, "subscribe", Bus().subscribe)  # a bus on which nothing is ever published
     stream = events.Stream(device, lambda: False)  # type: ignore[arg-type]  # a fake with the facade's methods
     chunks = iter(stream)
-    assert [next(chunks) for _ in range(5)][3:] == [b": still here\n\n"] * 2
+    assert [next(chunks) for _ in range(6)][4:] == [b": still here\n\n"] * 2
     stream.close()
     assert list(chunks) == []
 
