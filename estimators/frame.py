@@ -21,9 +21,8 @@ KEPT_SHARE = 0.7
 class FrameEstimate:
     """What one depth picture says. ``fit`` and ``profile`` are None where nothing could be fitted.
 
-    ``resampled_radii`` (m) are fits to random blocks of the picture, nan where one found nothing; ``valid_share`` is the
-    share of pixels
-    with a depth in the crop, ``points`` the size of the thinned cloud.
+    ``resampled`` are fits to random blocks of the picture, None where one found nothing; ``valid_share`` is the share of
+    pixels with a depth in the crop, ``points`` the size of the thinned cloud.
     """
 
     fit: CylinderFit | None
@@ -31,7 +30,7 @@ class FrameEstimate:
     valid_share: float
     points: int
     intrinsics: Intrinsics
-    resampled_radii: tuple[float, ...] = ()
+    resampled: tuple[CylinderFit | None, ...] = ()
 
     @property
     def diameter(self) -> float | None:
@@ -52,18 +51,18 @@ def estimate_frame(
     fit = None if cylinder is None else assess(cloud, cylinder)
     if cylinder is None or fit is None:
         return FrameEstimate(None, None, cloud.valid_share, len(cloud), intrinsics)
-    radii = tuple(_resampled_radius(cloud, rng, cylinder) for _ in range(resamples))
-    return FrameEstimate(fit, cross_section(cloud, fit), cloud.valid_share, len(cloud), intrinsics, radii)
+    resampled = tuple(_resampled(cloud, rng, cylinder) for _ in range(resamples))
+    return FrameEstimate(fit, cross_section(cloud, fit), cloud.valid_share, len(cloud), intrinsics, resampled)
 
 
-def _resampled_radius(cloud: OrientedPoints, rng: np.random.Generator, known: Cylinder) -> float:
-    """Radius (m) from a random share of the picture's blocks, searched anew with ``known`` as one candidate; nan where that
-    finds none."""
+def _resampled(cloud: OrientedPoints, rng: np.random.Generator, known: Cylinder) -> CylinderFit | None:
+    """A fit to a random share of the picture's blocks, searched anew with ``known`` as one candidate."""
     tile = (cloud.cells[:, 0] // _TILE) * 1000 + cloud.cells[:, 1] // _TILE
     names, index = np.unique(tile, return_inverse=True)
     kept = rng.random(len(names)) < KEPT_SHARE
-    found: Cylinder | None = search(cloud.take(kept[index]), rng, known)
-    return float("nan") if found is None else found.radius
+    part = cloud.take(kept[index])
+    found = search(part, rng, known)
+    return None if found is None else assess(part, found)
 
 
 def sample_cloud(

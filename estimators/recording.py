@@ -13,19 +13,21 @@ from estimators.frame import KEPT_SHARE, FrameEstimate
 
 MIN_FRAMES_FOR_SPREAD = 5
 """Below this the spread between frames says nothing, and the resampled fits stand in for it."""
+_TO_FULL_SAMPLE = KEPT_SHARE / (1 - KEPT_SHARE)
+"""Fits to a share of the blocks differ less from the whole than new data would: variance of the one over the other."""
 PROXIES = ("inlier_share", "mse", "radius", "orientation")
 
 
 @dataclass(frozen=True)
 class ErrorModel:
     """What the spread cannot show. ``scale_std``: relative scale error of the camera and its window. ``fit_factor``: how much
-    larger the true error of a fit is than its covariance says. ``shape_factor``: error of the mean diameter over what the
-    wall is out of round, which counts up to ``shape_limit``: beyond that the circle follows the sound part of the wall."""
+    larger the error of the wall's mean radius is than ``CylinderFit.mean_std`` says. ``shape_factor``: how much of
+    ``CylinderFit.mean_shift``, by which the circle seems to miss the mean of a wall that is not round, counts as an error of
+    the circle. The circle itself is not moved: in the pipes that are round, which are most, the shift is noise."""
 
     scale_std: float = 0.004
     fit_factor: float = 1.0
-    shape_factor: float = 0.6
-    shape_limit: float = 0.009
+    shape_factor: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -83,13 +85,7 @@ def combine(frames: Sequence[FrameEstimate], errors: ErrorModel | None = None) -
     radius = float(np.median(radii))
     radius_std = _spread(radii, [frame for frame, _ in fits], radius)
     typical, _ = min(fits, key=lambda pair: abs(pair[1].radius - radius))
-    values = {
-        "inlier_share": shares,
-        "mse": np.array([fit.mse for _, fit in fits]),
-        "radius": radii,
-        "orientation": np.array([fit.orientation for _, fit in fits]),
-    }
-    proxies = {name: (float(np.mean(v)), float(np.std(v, ddof=1)) if len(v) > 1 else nan) for name, v in values.items()}
+    proxies = {name: _proxy(name, [frame for frame, _ in fits]) for name in PROXIES}
     proxies["radius"] = (proxies["radius"][0], radius_std)
     return RecordingEstimate(
         frames=len(frames),
@@ -124,25 +120,34 @@ def _spread(radii: NDArray[np.float64], frames: Sequence[FrameEstimate], radius:
     as all wrong."""
     if len(radii) >= MIN_FRAMES_FOR_SPREAD:
         return float(np.std(radii, ddof=1))
-    resampled = np.array([r for frame in frames for r in frame.resampled_radii])
+    resampled = np.array([np.nan if fit is None else fit.radius for frame in frames for fit in frame.resampled])
     fit_std = float(np.median([frame.fit.radius_std for frame in frames if frame.fit is not None]))
     if len(resampled) == 0:
         return max(fit_std, float(np.std(radii)))
     deviation = np.where(np.isfinite(resampled), resampled - radius, radius)
-    to_full_sample = KEPT_SHARE / (
-        1 - KEPT_SHARE
-    )  # fits to a share of the blocks differ less from the whole than new data would
-    return float(np.hypot(np.sqrt(np.mean(deviation**2) * to_full_sample), fit_std))
+    return float(np.hypot(np.sqrt(np.mean(deviation**2) * _TO_FULL_SAMPLE), fit_std))
+
+
+def _proxy(name: str, frames: Sequence[FrameEstimate]) -> tuple[float, float]:
+    """Mean of one of PROXIES over the frames, and its standard deviation between them, or between resampled fits where there
+    are too few."""
+    values = np.array([getattr(frame.fit, name) for frame in frames])
+    if len(values) >= MIN_FRAMES_FOR_SPREAD:
+        return float(values.mean()), float(np.std(values, ddof=1))
+    resampled = np.array([getattr(fit, name) for frame in frames for fit in frame.resampled if fit is not None])
+    std = float("nan") if len(resampled) < 2 else float(np.sqrt(_TO_FULL_SAMPLE) * np.std(resampled, ddof=1))
+    return float(values.mean()), std
 
 
 def _interval(radius: float, radius_std: float, fits: Sequence[CylinderFit], errors: ErrorModel) -> tuple[float, float]:
     """95 % interval of the diameter. The frames of one recording share the errors of their fits and of the camera, so only the
     spread between them shrinks with their number."""
     between = radius_std / np.sqrt(len(fits)) if len(fits) >= MIN_FRAMES_FOR_SPREAD else radius_std
-    fit = errors.fit_factor * _median([fit.radius_std for fit in fits])
+    fit = _median([fit.radius_std for fit in fits])
+    mean = errors.fit_factor * _median([fit.mean_std for fit in fits])
+    shape = errors.shape_factor * _median([fit.mean_shift for fit in fits])
     scale = errors.scale_std * radius
-    shape = errors.shape_factor * min(_median([fit.out_of_round for fit in fits]), errors.shape_limit) * radius
-    half = 1.96 * 2 * float(np.linalg.norm([between, fit, scale, shape]))
+    half = 1.96 * 2 * float(np.linalg.norm([between, fit, mean, shape, scale]))
     return max(2 * radius - half, 0.0), 2 * radius + half
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.depth.base import STEREO_SCALE_STD
-from drivers.virtual.noise import UNIT_M, StereoCamera, StereoNoise, Window
+from drivers.virtual.noise import UNIT_M, StereoCamera, StereoNoise, Window, coarse_rays
 from drivers.virtual.profile import PipeProfile, circular, dented, oval
 from drivers.virtual.rig import HandMotion, Pose, sway
 from drivers.virtual.world import Deposit, Joint, VirtualSewer
-from estimators.pinhole import Intrinsics, rays
+from estimators.pinhole import Intrinsics
 
 CAMERA = Intrinsics(640, 480, 381.41, 381.41, 322.6, 237.3)
 """The paper's resolution, with the intrinsics of the shared recordings."""
@@ -30,12 +30,12 @@ _BOX_M = 0.06
 
 TROUBLES = {
     "water": 0.50,
-    "end in view": 0.35,
-    "chamber in view": 0.35,
-    "tilt": 0.20,
-    "poor light": 0.25,
-    "speckle": 0.25,
-    "dirt": 0.20,
+    "end in view": 0.30,
+    "chamber in view": 0.30,
+    "tilt": 0.17,
+    "poor light": 0.22,
+    "speckle": 0.20,
+    "dirt": 0.17,
     "drops": 0.15,
     "deposit": 0.20,
     "hand motion": 0.15,
@@ -69,7 +69,7 @@ class VirtualRecording:
         """Depth pictures with their intrinsics and unit, the same on every call."""
         rng = np.random.default_rng(self.seed)
         camera = StereoCamera(CAMERA, self.noise, self.window, rng, self.blur)
-        coarse = np.ascontiguousarray(rays(CAMERA)[::2, ::2])
+        coarse = coarse_rays(CAMERA)
         for pose in islice(sway(self.pose, self.motion, rng), count):
             yield camera.picture(self.sewer.cast(pose.position, pose.rotation, coarse)), CAMERA, UNIT_M
 

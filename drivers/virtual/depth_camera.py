@@ -24,10 +24,10 @@ from drivers.depth.depthai_rs.names import camera_info, distortion, format, opti
 from drivers.virtual.color import Painter
 from drivers.virtual.demo import DemoRig
 from drivers.virtual.faults import FaultScript
-from drivers.virtual.noise import UNIT_M, StereoCamera, TimeOfFlightCamera
+from drivers.virtual.noise import UNIT_M, StereoCamera, TimeOfFlightCamera, coarse_rays
 from drivers.virtual.rig import Pose
 from drivers.virtual.world import Hits, VirtualSewer
-from estimators.pinhole import Intrinsics, rays
+from estimators.pinhole import Intrinsics
 
 GRID = 2
 """Rays are cast for every second pixel of every second row."""
@@ -312,7 +312,7 @@ class _Running:
         self._lens = next(lens for lens in self._camera.lenses if lens.size == (first.width(), first.height()))
         self._period_s = 1.0 / first.fps()
         self._imager = self._camera.imager(self._lens)
-        self._grid = np.ascontiguousarray(rays(self._lens)[::GRID, ::GRID])
+        self._grid = coarse_rays(self._lens, GRID)
         self._began = time.monotonic()
         self._last = 0
         self._held: tuple[int, float] | None = None

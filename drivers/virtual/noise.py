@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from drivers.virtual import world
 from drivers.virtual.world import Hits
-from estimators.pinhole import Intrinsics
+from estimators.pinhole import Intrinsics, rays
 
 Array = NDArray[np.float32]
 UNIT_M = 0.001
@@ -224,6 +224,15 @@ class TimeOfFlightCamera:
         depth = (distance + std * _field((width, height), 3, self.rng)) * np.float32(1 + self.window.scale)
         depth[(near < self.noise.nearest) | (cosine < 0.06) & (near > 2.0) | (self._smear > 0)] = 0
         return _millimetres(depth)
+
+
+def coarse_rays(intrinsics: Intrinsics, step: int = 2) -> Array:
+    """Rays (H/step, W/step, 2) through the middle of each ``step`` x ``step`` pixels, so that what is cast along them is
+    enlarged without a shift."""
+    fine = rays(intrinsics)
+    height, width = (side // step for side in fine.shape[:2])
+    blocks = fine[: height * step, : width * step].reshape(height, step, width, step, 2)
+    return np.ascontiguousarray(blocks.mean(axis=(1, 3)), np.float32)
 
 
 def _millimetres(depth: Array) -> NDArray[np.uint16]:

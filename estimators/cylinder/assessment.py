@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimators.cylinder.geometry import NORMAL_AGREEMENT, Array, Cylinder, inliers, noise_std, radial_agreement, wall_area
 from estimators.cylinder.refinement import FEWEST_POINTS, linearise, tukey
+from estimators.cylinder.roundness import mean_radius
 from estimators.pointcloud import OrientedPoints
 
 _SECTORS = 36
@@ -23,7 +24,8 @@ class CylinderFit:
     ``inlier_count`` is the number of points on the wall, ``coverage`` (rad) the angle around the axis in which wall is seen,
     ``length`` (m) the wall seen along the axis, ``area`` see ``wall_area``, ``inside`` the share of points that stand free in
     the pipe between wall and axis. ``taper`` is the change of radius along the axis (m per m; 0 for a pipe, not for a cone),
-    ``out_of_round`` the standard deviation of the radius around the axis over the radius (0 for a circle).
+    ``out_of_round`` the standard deviation of the radius around the axis over the radius (0 for a circle). ``mean_shift`` and
+    ``mean_std`` (m) say how far the mean radius of a wall that need not be round is from ``radius``, see ``roundness``.
     """
 
     axis: NDArray[np.float64]
@@ -40,6 +42,8 @@ class CylinderFit:
     inside: float
     taper: float
     out_of_round: float
+    mean_shift: float
+    mean_std: float
 
     @property
     def cylinder(self) -> Cylinder:
@@ -70,6 +74,7 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
     within = (depth_in_pipe > low) & (depth_in_pipe < high)
     facing = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
     like_wall = within & facing & (rho > 0.6 * cylinder.radius) & (rho < 1.7 * cylinder.radius)
+    shift, shift_std = mean_radius(cloud, cylinder, sigma)
     _, sector_count = np.unique(sector, return_counts=True)
     return CylinderFit(
         axis=cylinder.axis,
@@ -86,6 +91,8 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
         inside=float(np.mean(free & within)),
         taper=_taper(cloud, cylinder, anchor, sigma),
         out_of_round=_out_of_round((everything @ basis)[like_wall], rho[like_wall]) / cylinder.radius,
+        mean_shift=shift,
+        mean_std=shift_std,
     )
 
 

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.virtual.noise import BASELINE_M, Matching, StereoCamera, StereoNoise, Window
+from drivers.virtual.noise import BASELINE_M, Matching, StereoCamera, StereoNoise, Window, coarse_rays
 from drivers.virtual.profile import circular
 from drivers.virtual.world import VirtualSewer
 from estimators.frame import estimate_frame
@@ -93,7 +93,7 @@ def twin(pipe: Pipe, lens: Intrinsics, noise: StereoNoise, seed: int) -> NDArray
     inside_m = 0.5  # no chamber in view
     position = rotation @ -pipe.point + [0.0, 0.0, inside_m]
     sewer = VirtualSewer(circular(2 * pipe.radius), pipe.end + inside_m)
-    hits = sewer.cast(position, rotation, np.ascontiguousarray(rays(lens)[::2, ::2]))
+    hits = sewer.cast(position, rotation, coarse_rays(lens))
     return StereoCamera(lens, noise, Window(), np.random.default_rng(seed)).picture(hits)
 
 
