@@ -1,4 +1,4 @@
-"""The table of what the box can be plugged into: a kind of camera, and what opens it, loaded when it is asked for."""
+"""The table of what the box can be plugged into: a kind of sensor, and what makes it, loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 from drivers.base import SensorMissing
 from drivers.depth.base import DepthCamera, DepthSettings
+from drivers.encoder.base import Encoder
+from drivers.grabber.base import FrameGrabber
 
 DEPTH_CAMERAS: dict[str, str] = {
     "realsense": "drivers.depth.openers:realsense",
@@ -17,6 +19,24 @@ DEPTH_CAMERAS: dict[str, str] = {
 }
 """Kind -> "module:function"; the function takes DepthSettings and keyword arguments of its own and returns the cameras."""
 
+GRABBERS: dict[str, str] = {
+    "v4l2": "drivers.grabber.v4l2:V4l2Grabber",
+    "stream": "drivers.grabber.stream:StreamGrabber",
+    "video": "drivers.grabber.video:VideoFile",
+    "stills": "drivers.grabber.stills:StillsFolder",
+}
+"""Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the grabber."""
+
+ENCODERS: dict[str, str] = {
+    "qsb": "drivers.encoder.qsb:QsbEncoder",
+    "lci90": "drivers.encoder.lci90:Lci90Encoder",
+    "modbus": "drivers.encoder.modbus:ModbusEncoder",
+    "nmea": "drivers.encoder.nmea:NmeaEncoder",
+    "pattern": "drivers.encoder.pattern:PatternEncoder",
+    "csv": "drivers.encoder.recorded:RecordedEncoder",
+}
+"""Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the encoder."""
+
 
 def open_depth_cameras(kind: str, settings: DepthSettings | None = None, **arguments: Any) -> list[DepthCamera]:
     """The depth cameras of a kind, made but not yet streaming: ``open`` is the caller's, who can wait and try again.
@@ -24,8 +44,35 @@ def open_depth_cameras(kind: str, settings: DepthSettings | None = None, **argum
     ``arguments``: "replay" takes ``source`` (folder or file), ``rate_hz``, ``loop`` and ``recording``; "virtual" what
     ``drivers.depth.openers.virtual`` takes. Raises SensorMissing for an unknown kind and for software that is not installed.
     """
-    if kind not in DEPTH_CAMERAS:
-        raise SensorMissing(f"There is no kind of depth camera named {kind}; known are {', '.join(DEPTH_CAMERAS)}.")
-    module_name, function_name = DEPTH_CAMERAS[kind].split(":")
-    opener: Callable[..., list[DepthCamera]] = getattr(importlib.import_module(module_name), function_name)
+    opener: Callable[..., list[DepthCamera]] = _named(DEPTH_CAMERAS, kind, "depth camera")
     return opener(settings or DepthSettings(), **arguments)
+
+
+def open_grabber(kind: str, **arguments: Any) -> FrameGrabber:
+    """The CCTV grabber of a kind, made but not yet running: ``open`` is the caller's, who can wait and try again.
+
+    ``arguments``: "v4l2" takes ``device``, ``size``, ``fps``, ``input_index`` and ``standard``; "stream" ``url``; "video"
+    ``file``; "stills" ``folder``. Raises SensorMissing for an unknown kind, ValueError for arguments that cannot be.
+    """
+    maker: Callable[..., FrameGrabber] = _named(GRABBERS, kind, "CCTV grabber")
+    return maker(**arguments)
+
+
+def open_encoder(kind: str, **arguments: Any) -> Encoder:
+    """The tether encoder of a kind, made but not yet running: ``open`` is the caller's, who can wait and try again.
+
+    ``arguments``: the serial ones take ``port`` and ``baud``, "qsb" and "modbus" also ``rate_hz``, "modbus" ``device_id``,
+    ``address``, ``word_order`` and ``bits``, "lci90" ``metres_per_unit``, "pattern" ``pattern``, ``metres_per_unit``, ``bits``
+    and ``name``; "csv" ``file`` and ``frame_rate``. Raises SensorMissing for an unknown kind, ValueError for arguments that
+    cannot be.
+    """
+    maker: Callable[..., Encoder] = _named(ENCODERS, kind, "tether encoder")
+    return maker(**arguments)
+
+
+def _named(table: dict[str, str], kind: str, what: str) -> Callable[..., Any]:
+    if kind not in table:
+        raise SensorMissing(f"There is no kind of {what} named {kind}; known are {', '.join(table)}.")
+    module_name, name = table[kind].split(":")
+    made: Callable[..., Any] = getattr(importlib.import_module(module_name), name)
+    return made

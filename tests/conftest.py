@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.register_assert_rewrite("tests.unit.depth_camera_contract")
+pytest.register_assert_rewrite("tests.unit.depth_camera_contract", "tests.unit.grabber_contract", "tests.unit.encoder_contract")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

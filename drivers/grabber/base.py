@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base import BadFrame
+from drivers.base import BadFrame, FrameTimeout
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,10 @@ class VideoFrame:
     def time_s(self) -> float:
         """Seconds on the clock that this frame's run is measured with."""
         return self.monotonic_ns / 1e9 if self.media_s is None else self.media_s
+
+
+class NoSignal(FrameTimeout):
+    """The grabber works, but no camera sends anything into it."""
 
 
 class FrameGrabber(ABC):
