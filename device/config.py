@@ -20,6 +20,37 @@ def default_data_dir() -> Path:
     return (Path(base) if base else Path.home() / ".local" / "share") / "borescout"
 
 
+GrabberKind = Literal["none", "v4l2", "stream", "video", "stills", "virtual"]
+EncoderKind = Literal["none", "qsb", "lci90", "modbus", "nmea", "pattern", "csv", "osd", "virtual"]
+
+
+class CrawlerSettings(BaseModel):
+    """The crawler: where its pictures come from, what counts its tether, and how its camera looks. The table ``[crawler]``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    grabber: GrabberKind = "none"
+    grabber_source: str = ""
+    """Device (/dev/video0), address of a stream, video file or folder of stills."""
+    grabber_options: dict[str, str | int | float] = {}
+    """Further arguments of the driver, by name."""
+    encoder: EncoderKind = "none"
+    encoder_port: str = ""
+    """Serial port, or the CSV file."""
+    encoder_options: dict[str, str | int | float] = {}
+    """Further arguments of the driver, by name: baud, pattern, unit ..."""
+    counts_per_metre: float = Field(1.0, gt=0)
+    """Until it is set or calibrated on the page; 1 for a counter that shows metres."""
+    osd_region: tuple[int, int, int, int] | None = None
+    """Left, top, width and height (px) of the burned-in distance; found by itself where it is not given."""
+    radius_m: float | None = Field(None, gt=0, le=5)
+    """Interior radius, for a pipe whose DN is not known."""
+    focal_px: tuple[float, float] | None = None
+    """fx and fy of the camera; without them only what rings tell is known of f * R."""
+    centre_px: tuple[float, float] | None = None
+    """Principal point; the middle of the picture where it is not given."""
+
+
 class Settings(BaseModel):
     """Everything that can be set. All have defaults; names the program does not know are refused."""
 
@@ -48,6 +79,7 @@ class Settings(BaseModel):
     """With ``virtual``: 1 for active stereo, 2 for a time-of-flight camera beside it."""
     virtual_seed: int = Field(1, ge=0)
     """Which pipe the virtual sewer draws."""
+    crawler: CrawlerSettings = Field(default_factory=lambda: CrawlerSettings.model_validate({}))
     virtual_description: Path | None = None
     """JSON file that describes the virtual sewer instead, with its faults."""
 
@@ -64,7 +96,11 @@ def load_settings(file: Path | None = None, **given: Any) -> Settings:
             raise Invalid(f"The settings file {file} cannot be read: {error}.") from None
         except tomllib.TOMLDecodeError as error:
             raise Invalid(f"The settings file {file} is not valid TOML: {error}.") from None
-    values.update({name: value for name, value in given.items() if value is not None})
+    for name, value in given.items():
+        if isinstance(value, dict) and isinstance(values.get(name), dict):
+            values[name] = {**values[name], **value}  # single settings of a table
+        elif value is not None:
+            values[name] = value
     try:
         return Settings(**values)
     except ValidationError as error:

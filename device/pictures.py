@@ -41,7 +41,7 @@ class PictureCache:
 def frame_jpeg(kind: str, frame: DepthFrame) -> bytes | None:
     """The "depth" or "color" picture of ``frame``, at most 640 pixels wide; None where the camera has no colour."""
     picture = depth_in_colors(frame) if kind == "depth" else frame.color
-    return None if picture is None else _encode(picture)
+    return None if picture is None else encode_jpeg(picture)
 
 
 def depth_in_colors(frame: DepthFrame) -> NDArray[np.uint8]:
@@ -62,7 +62,8 @@ def _palette(depth_unit_m: float) -> NDArray[np.uint8]:
     return colors
 
 
-def _encode(picture: NDArray[np.uint8]) -> bytes:
+def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """JPEG of ``picture`` (h, w, 3), at most 640 pixels wide."""
     height, width = picture.shape[:2]
     if width > _WIDTH:
         picture = np.asarray(

@@ -63,5 +63,31 @@ PROMPTS = {
             "A pipe this wide needs a second measurement.",
             "Move the box to the middle of the pipe and press Measure again.",
         ),
+        Prompt(
+            "slip",
+            "The counter stands still but the picture moves.",
+            "Pull the cable taut and see that the counter's wheel turns with it.",
+        ),
+        Prompt(
+            "image_stands",
+            "The counter runs but the picture stands still.",
+            "Stop, take up the slack cable, and see whether the crawler is stuck.",
+        ),
+        Prompt("too_fast", "The crawler drives too fast to follow the wall in the picture.", "Drive more slowly."),
+        Prompt("too_dark", "The picture is too dark.", "Turn up the crawler's lights, or drive until they reach the wall."),
+        Prompt("dirty_lens", "Something sticks to the lens.", "Bring the crawler back and clean the lens."),
+        Prompt("off_axis", "The camera does not look along the pipe.", "Turn the camera straight ahead and centre it."),
+        Prompt("signal_lost", "The CCTV picture is lost.", "Stop until it is back; check the camera and its cable."),
+        Prompt(
+            "encoder_lost",
+            "The tether encoder is silent, so nothing is mapped.",
+            "Stop the crawler until the counter is back, and check its cable.",
+        ),
+        Prompt(
+            "no_distance",
+            "The distance in the picture cannot be read.",
+            "Move the text to a dark place, or use an encoder.",
+        ),
+        Prompt("storage_full", "The disk is full: the map is no longer saved.", "End the drive, then free some space."),
     )
 }

@@ -1,0 +1,35 @@
+"""The crawler as the landmarks survey uses it: where pictures and distances come from, and how its camera looks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from device.detectors import Detector, NoDetector
+from device.feed import GrabberFeed
+from device.tether import Tether
+from drivers.encoder.base import Encoder
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Focal lengths and principal point of the crawler's camera (px), None for what is not known."""
+
+    focal: tuple[float, float] | None = None
+    centre: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Crawler:
+    """``tether`` is None where the distance is burned into the picture and read by what ``reader`` makes, or is not known at
+    all. ``detector`` makes one for each drive. ``begin`` is told that a drive begins and ``hold`` that it pauses: the virtual
+    crawler listens, a real one is driven from its own desk. ``radius`` (m) is that of a pipe that states none."""
+
+    grabber: GrabberFeed | None = None
+    tether: Tether | None = None
+    reader: Callable[[], Encoder] | None = None
+    detector: Callable[[], Detector] = NoDetector
+    optics: Optics = field(default_factory=Optics)
+    radius: float | None = None
+    begin: Callable[[], None] = lambda: None
+    hold: Callable[[bool], None] = lambda held: None
