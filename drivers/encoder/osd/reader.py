@@ -20,6 +20,9 @@ SURE = 0.985
 """Confidence above which the first look at a strip is believed. In cctv_run whole digits read with 0.99 and more, digits caught
 while the counter turned with 0.82 to 0.97."""
 
+FAITH = 0.5
+"""Confidence below which a strip is not taken for text."""
+
 
 @dataclass(frozen=True)
 class OsdText:
@@ -63,39 +66,50 @@ class OsdReader:
         self.lines: tuple[str, ...] = ()
         """All lines of the last search, for telling what was there instead of a distance."""
 
-    def read(self, image: NDArray[np.uint8]) -> OsdText:
+    @property
+    def where(self) -> str:
+        """Where it looks, for a sentence."""
+        if self._region is None:
+            return "anywhere in the picture"
+        x, y, width, height = self._region
+        return f"in the region {x},{y},{width},{height}"
+
+    def read(self, image: NDArray[np.uint8], patient: bool = True) -> OsdText:
         """The distance in ``image`` (H, W, 3) BGR.
 
         The places where it stood before are looked at first; the whole picture is searched where it stands in none of them,
-        less and less often while that finds nothing (after 1, 2, 4 .. 32 pictures).
+        ``patient``: less and less often while that finds nothing (after 1, 2, 4 .. 32 pictures).
         """
-        overdue = self._read_since >= self._look_again
-        if not overdue:
+        unreadable = OsdText(None)
+        if self._read_since < self._look_again:
             for place in self._places:
                 seen = self._read_strip(image, place)
                 if seen.distance is not None:
                     self._remember(place)
                     self._read_since += 1
                     return seen
-            if self._patience > 0:
+                if place is self._places[0]:
+                    unreadable = seen
+            if patient and self._patience > 0:
                 self._patience -= 1
-                return OsdText(None)
-        return self._search(image)
+                return unreadable
+        return self._search(image, unreadable)
 
-    def _search(self, image: NDArray[np.uint8]) -> OsdText:
+    def _search(self, image: NDArray[np.uint8], unreadable: OsdText) -> OsdText:
+        """Finds the line that looks most like a distance; ``unreadable``, the text of the last place, where there is none."""
         self.searches += 1
         self._read_since = 0
-        best, merit = OsdText(None), 0.0
+        best, merit = unreadable, 0.0
         lines = list(self._find_lines(image))
         self.lines = tuple(line.text for line in lines)
         for line in lines:
             found = find_distance(line.text, self._unit)
-            if found is None or line.box is None or found.likeness * line.confidence <= merit:
+            if found is None or line.box is None or line.confidence < FAITH or found.likeness * line.confidence <= merit:
                 continue
             seen = self._read_strip(image, line.box)
             best = seen if seen.distance is not None else self._with(line, found)
             merit = found.likeness * line.confidence
-        if best.box is None:
+        if best.distance is None or best.box is None:
             self._fruitless = min(self._fruitless + 1, 6)
             self._patience = 2 ** (self._fruitless - 1)
             return best
@@ -126,18 +140,15 @@ class OsdReader:
             return seen
         size = strip.shape[1], strip.shape[0]
         fields = [self._recognise(cv2.resize(strip[first::2], size).astype(np.uint8), place) for first in (0, 1)]
-        readings = sorted((one for one in fields if one.distance is not None), key=lambda one: -one.confidence)
-        if not readings or (len(readings) == 1 and seen.distance is not None and seen.confidence > readings[0].confidence):
-            return seen
-        best = readings[0]
-        others = dict.fromkeys(one.distance for one in readings[1:] if one.distance not in (None, best.distance))
+        best = max((seen, *fields), key=lambda one: (one.distance is not None, one.confidence))
+        others = dict.fromkeys(one.distance for one in fields if one.distance is not None and one.distance != best.distance)
         return replace(best, others=tuple(value for value in others if value is not None))
 
     def _recognise(self, strip: NDArray[np.uint8], place: Box) -> OsdText:
         text, confidence = self._ocr.strip(strip)
         found = find_distance(text, self._unit)
         line = OsdText(None, text, confidence, place)
-        return line if found is None else self._with(line, found)
+        return line if found is None or confidence < FAITH else self._with(line, found)
 
     @staticmethod
     def _with(line: OsdText, found: Found) -> OsdText:

@@ -18,7 +18,7 @@ _UNITS: dict[str, OsdUnit] = {
     "ft": "ft", "feet": "ft", "foot": "ft", "f": "ft", "'": "ft",
 }  # fmt: skip
 _LABEL = re.compile(
-    r"\b(dist(ance|anz)?|entf(ernung)?|stat(ion)?|chainage|chain|meter(age|stand)?|position|pos|len(gth)?|l[aä]nge|afstand)\b"
+    r"\b(dist(ance|anz)?|entf(ernung)?|stat(ion)?|chainage|chain|meter(age|stand)?|position|pos|len(gth)?|l[aä]nge|afstand)\b|距离"
 )
 _DIGIT = r"[0-9OoDQIl|!ZSBG]"
 _NUMBER = re.compile(
@@ -81,10 +81,12 @@ def _judge(text: str, match: re.Match[str], unit: OsdUnit) -> Found | None:
     whole, part = match["whole"], match["part"] or ""
     mended = not (whole + part).isdigit()
     letters = sum(not sign.isdigit() for sign in whole + part)
-    if (2 * letters > len(whole + part) and len(whole + part) - letters < 2) or re.search(r"[^\W_]$|[0-9][.,:/]$", before):
+    if 2 * letters > len(whole + part) and len(whole + part) - letters < 2:
         return None
+    if re.search(r"[^\W_]$", before) or (match["sign"] is None and re.search(r"(^|\W)[0-9]+[.,:/]$", before)):
+        return None  # the tail of a word, a date, a time
     if after[:1] and after[:1] in ".,:/" and after[1:2].isalnum():
-        return None  # a date, a time, a scale
+        return None  # the head of one
     if match["unit"] is None and re.match(r"\s?(%|°|\"|bar\b|mbar\b|[cm]m\b|in\b|deg|v\b|kg|pa\b|hz)", after, re.IGNORECASE):
         return None
     named = _UNITS[match["unit"].lower()] if match["unit"] else None

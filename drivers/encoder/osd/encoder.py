@@ -1,0 +1,150 @@
+"""The burned-in distance as an encoder: pictures in, readings out; and the verdict whether a video has one at all."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+
+from drivers.base import BadFrame, FrameTimeout
+from drivers.encoder.base import Encoder, Reading
+from drivers.encoder.osd.filter import Filtered, FilterSettings, OsdFilter, Reset
+from drivers.encoder.osd.reader import OsdReader
+from drivers.grabber.base import VideoFrame
+
+REMEDY = "Give the place of the distance with --osd X,Y,W,H, or the distances with --distance-csv FILE."
+
+
+class NoDistance(BadFrame):
+    """No distance can be read in a video."""
+
+
+class OsdEncoder(Encoder):
+    """An encoder that is fed with pictures: ``feed`` from the grabber's side, ``read`` from the encoder's.
+
+    The newest picture wins; ``dropped`` counts those that were replaced before they were read. A reading is in metres as the
+    counter shows them; where the operator reset it, ``resets`` says so and the values go on from there. ``rejected`` counts
+    pictures without a believable distance.
+    """
+
+    name = "burned-in distance"
+
+    def __init__(self, reader: OsdReader | None = None, settings: FilterSettings | None = None) -> None:
+        self.dropped = 0
+        self.last: Filtered | None = None
+        """What became of the picture read last."""
+        self._reader = reader
+        self._settings = settings
+        self._filter = OsdFilter(settings)
+        self._waiting: VideoFrame | None = None
+        self._changed = threading.Condition()
+
+    @property
+    def resets(self) -> list[Reset]:
+        """The counter's leaps since ``open``, oldest first."""
+        return self._filter.resets()
+
+    def feed(self, frame: VideoFrame) -> None:
+        """The next picture. Returns at once."""
+        with self._changed:
+            self.dropped += self._waiting is not None
+            self._waiting = frame
+            self._changed.notify()
+
+    def _open(self) -> None:
+        self._reader = self._reader or OsdReader()
+        self._filter = OsdFilter(self._settings)
+        self.dropped, self.last, self.notice = 0, None, ""
+
+    def _read(self, timeout_s: float) -> Reading:
+        """Raises FrameTimeout where no picture was fed in the time, BadFrame where it shows no believable distance."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._waiting is not None, timeout_s) or self._waiting is None:
+                raise FrameTimeout(f"The {self.name} was given no picture in {timeout_s:g} s.")
+            frame, self._waiting = self._waiting, None
+        if self._reader is None:
+            raise BadFrame(f"The {self.name} is not open.")
+        if self.last is not None and frame.time_s <= self.last.time_s:
+            self.rejected += 1
+            raise BadFrame(f"The picture of {frame.time_s:.2f} s came after that of {self.last.time_s:.2f} s.")
+        text = self._reader.read(frame.image)
+        told = self._filter.add(frame.time_s, text)
+        if self.last is not None and told.segment > self.last.segment and self.resets:
+            reset = self.resets[-1]
+            self.notice = f"The counter leapt from {reset.before:.2f} m to {reset.after:.2f} m at {reset.time_s:.1f} s."
+        self.last = told
+        quantum = self._filter.quantum
+        if told.distance is None or quantum is None:
+            self.rejected += 1
+            what = (
+                f'the text "{text.text}" does not follow from the distances before'
+                if text.text
+                else "no distance is to be seen"
+            )
+            raise BadFrame(f"In the picture of {frame.time_s:.2f} s {what}.")
+        return Reading(told.distance, frame.monotonic_ns, unit="m", quantum=quantum, media_s=frame.media_s)
+
+    def close(self) -> None:
+        with self._changed:
+            self._waiting = None
+
+
+@dataclass(frozen=True)
+class OsdSeries:
+    """The distances of a whole recording: what became of every picture, the believed ones as readings, the counter's leaps."""
+
+    told: tuple[Filtered, ...]
+    readings: tuple[Reading, ...]
+    resets: tuple[Reset, ...]
+
+
+def read_series(frames: Iterable[VideoFrame], reader: OsdReader, settings: FilterSettings | None = None) -> OsdSeries:
+    """Read a recording to its end and decide each distance from those before and after it: ``OsdEncoder`` only knows those
+    before. ``frames`` in the order of their times."""
+    sieve = OsdFilter(settings)
+    taken: list[tuple[int, float | None]] = []
+    for frame in frames:
+        sieve.add(frame.time_s, reader.read(frame.image))
+        taken.append((frame.monotonic_ns, frame.media_s))
+    told = tuple(sieve.smoothed())
+    quantum = sieve.quantum or 0.0
+    readings = tuple(
+        Reading(one.distance, monotonic_ns, unit="m", quantum=quantum, media_s=media_s)
+        for one, (monotonic_ns, media_s) in zip(told, taken, strict=True)
+        if one.distance is not None
+    )
+    return OsdSeries(told, readings, tuple(sieve.resets()))
+
+
+def require_distance(frames: Iterable[VideoFrame], reader: OsdReader, look_at: int = 12, share: float = 0.5) -> float:
+    """The share of the first ``look_at`` pictures that show a distance. Raises NoDistance where that is less than ``share``,
+    with a sentence that says where it looked, what it saw, and what to do."""
+    looked = readable = with_text = 0
+    examples: dict[str, None] = {}
+    source = ""
+    for frame in islice(frames, look_at):
+        source = source or frame.source
+        looked += 1
+        searches = reader.searches
+        seen = reader.read(frame.image, patient=False)
+        lines = reader.lines if reader.searches > searches else (seen.text,)
+        readable += seen.distance is not None
+        with_text += any(line.strip() for line in lines)
+        if seen.distance is None:
+            examples.update(dict.fromkeys(line for line in lines if line.strip()))
+    if looked and readable >= share * looked:
+        return readable / looked
+    name = f"the video {source}" if source else "the video"
+    if not looked:
+        raise NoDistance(f"No distance can be read in {name}: it has no pictures.")
+    if not with_text:
+        saw = "none of them shows text"
+    elif not readable:
+        such = ", ".join(f'"{line}"' for line in list(examples)[:3])
+        saw = f"{with_text} of them show text, such as {such}, but none that is written like a distance"
+    else:
+        saw = f"only {readable} of them show a distance"
+    raise NoDistance(
+        f"No distance can be read in {name}: looked {reader.where} in the first {looked} pictures, {saw}. {REMEDY}"
+    )
