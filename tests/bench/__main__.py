@@ -14,6 +14,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("paper_sweep", (), ()),
     ("cost", (), ()),
     ("peers", (), ("--frames", "5")),
+    ("osd", (), ("--searches", "3")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 
