@@ -1,6 +1,8 @@
 """After (and during) a run: one least-squares problem over all its sightings, the tether and what else is known."""
 
+from estimators.landmarks.smoothing.doubles import find_doubles, identified, merged
 from estimators.landmarks.smoothing.solve import smooth
+from estimators.landmarks.smoothing.survey import moved, run_of, smooth_survey
 from estimators.landmarks.smoothing.types import (
     NO_RINGS,
     Constraints,
@@ -31,5 +33,11 @@ __all__ = [
     "Smoothed",
     "SmoothedJoint",
     "SmoothedLandmark",
+    "find_doubles",
+    "identified",
+    "merged",
+    "moved",
+    "run_of",
     "smooth",
+    "smooth_survey",
 ]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from estimators.landmarks.smoothing.types import Array, Indices, Run
 
-STEP, STEP_BLIND = 0.1, 0.5
+STEP, STEP_BLIND = 0.15, 0.5
 """Way between two knots (m), where something is in view and where nothing is."""
-SECONDS, SECONDS_BLIND = 1.0, 10.0
+SECONDS, SECONDS_BLIND = 1.5, 10.0
 """The same in time: a crawler may move while its tether does not."""
 
 

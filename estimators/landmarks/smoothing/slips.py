@@ -1,9 +1,9 @@
-"""Slips: the tether's slack between two knots is nearly always nothing and seldom a lot.
+"""Slips: the tether's slack between two knots is nearly always next to nothing and seldom a lot (a spike-and-slab prior).
 
-Such a spike-and-slab prior has no normal distribution; expectation propagation (Minka 2001) stands in for each interval's prior
-the normal distribution that, together with all the rest of the run, has the mean and variance the true prior would give. Where
-nothing is in view the rest says nothing and the whole variance of the prior stays: a slip there cannot be seen, and the map
-says so by its covariance.
+Given which intervals slipped, all else is linear and normal, so the question is only *which*. The best answer is found by
+climbing, and all answers worth considering are weighed by a Markov chain over them that is never refused a step (Zanella 2020,
+with Barker's rates): each set of slips counts by the time the chain stays with it, with its exact mean and covariance. Where
+nothing is in view all answers stay open, and the map says so by its covariance.
 """
 
 from __future__ import annotations
@@ -11,23 +11,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.landmarks.smoothing.knots import Knots
 from estimators.landmarks.smoothing.types import Array, Noise, Run, Slip
 
+Flags = NDArray[np.bool_]
+
 STANDING_SPEED = 0.02
 """A crawler whose tether stands counts as going so fast (m/s) when slips are expected by the metre."""
-SMALLEST = 2e-4
+SMALLEST = 5e-4
 """Standard deviation (m) of an interval at rest: keeps the system regular."""
-DAMPING = 0.8
-UPDATES = 3
-"""At most so many updates per interval and call."""
-SETTLED = 0.01
-PATIENCE = 3.0
-FURTHEST = 3.0
-"""Where the mean of a stand-in may lie, in standard deviations of a slip."""
 SUSPECTED = 0.5
 LIKELY = 0.5
+CLIMBS = 40
+STEPS, FEWEST, WORK = 2000, 300, 3e8
+"""Steps of the chain, fewer where there are many intervals: their number times the intervals' square is no more than WORK."""
 
 
 @dataclass(frozen=True)
@@ -38,112 +37,114 @@ class SlipPrior:
     slab: Array
     chance: Array
 
-    @property
-    def variance(self) -> Array:
-        return (1 - self.chance) * self.spike + self.chance * self.slab
+    def variance(self, slipped: Flags) -> Array:
+        return np.where(slipped, self.slab, self.spike)
 
 
 @dataclass(frozen=True)
-class Sites:
-    """The normal stand-in of each interval's prior: ``precision`` and ``precision * mean`` (K - 1,); ``slipped`` the chance of
-    a slip after all is seen; ``visits`` how often it was set: two that cannot agree come to rest by ever smaller steps."""
+class Slack:
+    """The slack's increments after all is seen: ``mean`` (K - 1,), ``covariance`` (K - 1, K - 1), chance of each slip."""
 
-    precision: Array
-    shift: Array
-    slipped: Array
-    visits: Array
+    mean: Array
+    covariance: Array
+    chance: Array
 
 
 def slip_prior(run: Run, knots: Knots, noise: Noise) -> SlipPrior:
-    way, time = np.diff(knots.way[knots.frame]), np.diff(run.frames.time_s[knots.frame])
-    chance = 1 - np.exp(-noise.slip_rate * (way + STANDING_SPEED * np.maximum(time, 0.0)))
     ends = run.frames.time_s[knots.frame]
+    way, time = np.diff(knots.way[knots.frame]), np.maximum(np.diff(ends), 0.0)
+    chance = 1 - np.exp(-noise.slip_rate * (way + STANDING_SPEED * time))
     for moment in run.suspected:
         hit = (ends[:-1] <= moment) & (moment <= ends[1:])
         chance = np.where(hit, np.maximum(chance, SUSPECTED), chance)
     chance = np.where(knots.gap, np.maximum(chance, SUSPECTED), chance)
     spike = noise.drift**2 * way + SMALLEST**2
-    return SlipPrior(spike, spike + noise.slip_std**2, np.minimum(chance, 0.99))
+    return SlipPrior(spike, spike + noise.slip_std**2, np.clip(chance, 1e-9, 0.99))
 
 
-def start_sites(prior: SlipPrior) -> Sites:
-    """Mean and variance of the prior itself: what it says before anything is seen."""
-    return Sites(1 / prior.variance, np.zeros_like(prior.spike), prior.chance, np.zeros_like(prior.spike))
+def learned(prior: SlipPrior, chance: Array, noise: Noise) -> SlipPrior:
+    """``prior`` with the rate of slips that this run shows by the ``chance`` of each. What nothing was seen of keeps the rate
+    that was believed before."""
+    ratio = (noise.slip_experience + chance.sum()) / (noise.slip_experience + prior.chance.sum())
+    return SlipPrior(prior.spike, prior.slab, np.clip(prior.chance * np.clip(ratio, 0.3, 3.0), 1e-9, 0.99))
 
 
-def update_sites(sites: Sites, prior: SlipPrior, mean: Array, covariance: Array) -> Sites:
-    """Expectation propagation on the slack's increments (K - 1,), of present ``mean`` and ``covariance``, all else being normal.
-
-    The interval whose prior fits worst is always next: a clear slip is settled before its neighbours share it.
-    """
-    mean, covariance = mean.copy(), covariance.copy()
-    precision, shift, visits = sites.precision.copy(), sites.shift.copy(), sites.visits.copy()
-    for _ in range(UPDATES * len(mean)):
-        spread = np.maximum(np.diag(covariance), 1e-14)
-        wanted_precision, wanted_shift, _ = _moments(prior, mean, spread, precision, shift)
-        more, further = wanted_precision - precision, wanted_shift - shift
-        new_spread = spread / (1 + more * spread)
-        new_mean = new_spread * (mean / spread + further)
-        change = np.abs(new_mean - mean) / np.sqrt(spread) + np.abs(np.log(new_spread / spread))
-        part = DAMPING / (1 + visits / PATIENCE)
-        change *= part
-        k = int(np.argmax(change))
-        if change[k] < SETTLED:
+def climb(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array) -> tuple[Flags, Array]:
+    """The likeliest set of slips near ``slipped``, for increments of ``mean`` and ``covariance`` under that set, and the chance
+    of each given the others."""
+    state = _State(prior, slipped, mean, covariance)
+    for _ in range(CLIMBS):
+        gain = np.where(state.slipped, -1.0, 1.0) * state.odds()
+        k = int(np.argmax(gain))
+        if gain[k] <= 0:
             break
-        more_k, further_k = part[k] * more[k], part[k] * further[k]
-        visits[k] += 1
-        column = covariance[:, k] / (1 + more_k * spread[k])
-        mean = mean + column * (further_k - more_k * mean[k])
-        covariance = covariance - np.outer(column * more_k, covariance[:, k])
-        precision[k] += more_k
-        shift[k] += further_k
-    slipped = _moments(prior, mean, np.maximum(np.diag(covariance), 1e-14), precision, shift)[2]
-    return Sites(precision, shift, slipped, visits)
+        state.flip(k)
+    return state.slipped, 1 / (1 + np.exp(-state.odds()))
 
 
-def _moments(prior: SlipPrior, mean: Array, spread: Array, precision: Array, shift: Array) -> tuple[Array, Array, Array]:
-    """The normal factor (precision, precision * mean) that each true prior asks for, and the chance of a slip, given the rest
-    of the run: the present marginal without the present factor."""
-    rest = np.maximum(1 / spread - precision, 1e-6)
-    rest_mean = (mean / spread - shift) / rest
-    variance = 1 / rest
-    none, some = variance + prior.spike, variance + prior.slab
-    odds = np.log(prior.chance / (1 - prior.chance)) + 0.5 * np.log(none / some)
-    odds += 0.5 * rest_mean**2 * (1 / none - 1 / some)
-    slipped = 1 / (1 + np.exp(-np.clip(odds, -500, 500)))
-    small, large = rest_mean * prior.spike / none, rest_mean * prior.slab / some
-    new_mean = (1 - slipped) * small + slipped * large
-    second = (1 - slipped) * (variance * prior.spike / none + small**2)
-    second += slipped * (variance * prior.slab / some + large**2)
-    new_variance = np.maximum(second - new_mean**2, 1e-14)
-    # half slipped, half not is wider than the rest alone, which no normal factor can say: the weakest there is stands in
-    new_precision = np.clip(1 / new_variance - rest, 1 / (4 * prior.slab), 1 / prior.spike)
-    furthest = FURTHEST * np.sqrt(prior.slab) * new_precision
-    new_shift = np.clip(new_mean * (new_precision + rest) - rest * rest_mean, -furthest, furthest)
-    return new_precision, new_shift, slipped
+def weigh_all(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array, rng: np.random.Generator) -> Slack:
+    """The increments over all sets of slips, starting from ``slipped``, under which they have ``mean`` and ``covariance``."""
+    state = _State(prior, slipped, mean, covariance)
+    steps = int(np.clip(WORK / max(len(mean), 1) ** 2, FEWEST, STEPS))
+    total, first, second, chance = 0.0, np.zeros_like(mean), np.zeros_like(covariance), np.zeros_like(mean)
+    for step in range(steps):
+        yes = 1 / (1 + np.exp(-state.odds()))
+        rate = np.where(state.slipped, 1 - yes, yes)
+        if step >= steps // 10:
+            time = 1 / rate.sum()
+            total += time
+            first += time * state.mean
+            second += time * (state.covariance + np.outer(state.mean, state.mean))
+            chance += time * yes
+        chosen = np.searchsorted(np.cumsum(rate), rng.uniform() * rate.sum())
+        state.flip(int(min(chosen, len(rate) - 1)))
+    mean = first / total
+    return Slack(mean, second / total - np.outer(mean, mean), chance / total)
 
 
-def report(
-    run: Run, knots: Knots, sites: Sites, prior: SlipPrior, slack: Array, covariance: Array, positions: Array
-) -> tuple[Slip, ...]:
-    """Slips found: neighbouring intervals that share one are told as one. ``slack`` (K,) with ``covariance`` (K, K)."""
-    raised = sites.slipped > np.maximum(3 * prior.chance, 0.02)
-    found, k = [], 0
-    while k < len(raised):
-        if not raised[k]:
-            k += 1
+class _State:
+    """Increments under one set of slips."""
+
+    def __init__(self, prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array) -> None:
+        self.prior, self.slipped = prior, slipped.copy()
+        self.mean, self.covariance = mean.copy(), covariance.copy()
+
+    def odds(self) -> Array:
+        """ln odds (K - 1,) that each interval slipped, given all that was seen and which others did."""
+        prior = self.prior
+        spread = np.maximum(np.diag(self.covariance), 1e-14)
+        # what the rest of the run says of each interval: its marginal without its own prior
+        rest = np.maximum(1 / spread - 1 / prior.variance(self.slipped), 1e-6)
+        variance, mean = 1 / rest, self.mean / (spread * rest)
+        none, some = variance + prior.spike, variance + prior.slab
+        odds = np.log(prior.chance / (1 - prior.chance)) + 0.5 * np.log(none / some)
+        odds = np.clip(odds + 0.5 * mean**2 * (1 / none - 1 / some), -300, 300)
+        return np.asarray(odds, dtype=np.float64)
+
+    def flip(self, k: int) -> None:
+        before = self.prior.variance(self.slipped)[k]
+        self.slipped[k] = not self.slipped[k]
+        more = 1 / self.prior.variance(self.slipped)[k] - 1 / before
+        column = self.covariance[:, k] / max(1 + more * self.covariance[k, k], 1e-12)
+        self.mean = self.mean - column * (more * self.mean[k])
+        self.covariance -= np.outer(column * more, self.covariance[:, k])
+
+
+def report(run: Run, knots: Knots, slack: Slack, prior: SlipPrior, positions: Array) -> tuple[Slip, ...]:
+    """Slips found: neighbouring intervals that may share one are told as one."""
+    raised = slack.chance > np.maximum(3 * prior.chance, 0.03)
+    # an interval between two raised ones belongs to them
+    raised[1:-1] |= raised[:-2] & raised[2:]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], raised.astype(np.int64), [0]])))
+    found = []
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        probability = float(min(slack.chance[first:last].sum(), 1.0))
+        if probability < LIKELY:
             continue
-        end = k
-        while end + 1 < len(raised) and raised[end + 1]:
-            end += 1
-        probability = float(1 - np.prod(1 - sites.slipped[k : end + 1]))
-        first, last = k, end + 1
-        metres = float(slack[last] - slack[first])
-        std = float(np.sqrt(max(covariance[first, first] + covariance[last, last] - 2 * covariance[first, last], 0.0)))
-        if probability > LIKELY:
-            start, stop = int(knots.frame[first]), int(knots.frame[last])
-            time = run.frames.time_s
-            chainage = float((positions[start] + positions[stop]) / 2)
-            found.append(Slip(float(time[start]), float(time[stop]), chainage, metres, std, probability))
-        k = end + 1
+        metres = float(slack.mean[first:last].sum())
+        std = float(np.sqrt(max(slack.covariance[first:last, first:last].sum(), 0.0)))
+        start, stop = int(knots.frame[first]), int(knots.frame[last])
+        time = run.frames.time_s
+        chainage = float((positions[start] + positions[stop]) / 2)
+        found.append(Slip(float(time[start]), float(time[stop]), chainage, metres, std, probability))
     return tuple(found)

@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from estimators.landmarks.smoothing import slips
+from estimators.landmarks.smoothing.scatter import Scatter, measure, weigh
 from estimators.landmarks.smoothing.system import Sparse, System, build
 from estimators.landmarks.smoothing.types import (
     Array,
@@ -24,91 +25,97 @@ from estimators.landmarks.smoothing.types import (
 ITERATIONS = 60
 TEMPER = (4.0, 4.0, 3.0, 3.0, 2.0, 2.0)
 """Factors on the scatter of sightings in the first iterations: until slips are found they look like wrong sightings."""
+PATIENCE = 3
+"""Iterations before slips are looked for."""
 CLOSE = 1e-3
 """Change of any position (m) below which the iterations end."""
 
 
-def smooth(run: Run, constraints: Constraints | None = None, noise: Noise | None = None) -> Smoothed:
-    """The likeliest map and way of a run, with covariances. A run of no frames is refused with ValueError."""
+def smooth(
+    run: Run,
+    constraints: Constraints | None = None,
+    noise: Noise | None = None,
+    rng: np.random.Generator | None = None,
+) -> Smoothed:
+    """Map and way of a run as far as it is known, with covariances; ``rng`` weighs the slips. No frame: ValueError."""
     if len(run.frames.time_s) == 0:
         raise ValueError("There is no frame to smooth.")
     noise = noise or Noise()
     system = build(run, constraints or Constraints(), noise)
-    return _iterate(system, noise)
+    return _iterate(system, noise, rng or np.random.default_rng(0))
 
 
-def _iterate(system: System, noise: Noise) -> Smoothed:
-    layout = system.layout
-    prior = slips.slip_prior(system.run, system.knots, noise)
-    sites = slips.start_sites(prior)
-    state, ratio, converged, iteration = system.initial.copy(), 1.0, False, 0
+def _iterate(system: System, noise: Noise, rng: np.random.Generator) -> Smoothed:
+    believed = slips.slip_prior(system.run, system.knots, noise)
+    prior, slipped = believed, np.zeros(len(believed.spike), np.bool_)
+    state, scatter, converged, iteration = system.initial.copy(), Scatter(), False, 0
     fixed = (system.prior.T @ system.prior).tocsc()
     for iteration in range(1, ITERATIONS + 1):
         temper = TEMPER[iteration - 1] if iteration <= len(TEMPER) else 1.0
-        before = system.positions(state)
-        landmarks_before = state[layout.landmarks : layout.centres].copy()
-        state, information = _step(system, fixed, sites, state, ratio * temper, noise)
-        change = float(np.max(np.abs(system.positions(state) - before)))
-        moved = np.abs(state[layout.landmarks : layout.centres] - landmarks_before)
-        change = max(change, float(np.max(moved, initial=0.0)))
-        if len(prior.spike) and iteration > 2:
-            covariance = _columns(information, layout.slack, layout.landmarks)[layout.slack : layout.landmarks]
-            steps = np.diff(np.diff(covariance, axis=0), axis=1)
-            sites = slips.update_sites(sites, prior, np.diff(state[layout.slack : layout.landmarks]), steps)
+        before, slipped_before = state, slipped
+        precision = 1 / prior.variance(slipped)
+        state, information = _step(system, fixed, precision, state, scatter.tempered(temper), noise)
+        if iteration >= PATIENCE:
+            slipped, chance = slips.climb(prior, slipped, *_increments(system, information, state))
+            if iteration >= len(TEMPER):
+                prior = slips.learned(believed, chance, noise)
         if iteration >= len(TEMPER):
-            ratio = 0.5 * ratio + 0.5 * _scatter(system, state, ratio, noise)
-        if iteration > len(TEMPER) + 3 and change < CLOSE:
+            scatter = measure(system, state, scatter, noise)
+        layout = system.layout
+        moved = np.abs(state - before)[layout.landmarks : layout.centres]
+        change = max(
+            float(np.max(np.abs(system.positions(state) - system.positions(before)))), float(np.max(moved, initial=0.0))
+        )
+        if iteration > len(TEMPER) and change < CLOSE and (slipped == slipped_before).all():
             converged = True
             break
-    return _result(system, fixed, sites, prior, state, ratio, noise, iteration, converged)
+    information, _ = _normal(system, fixed, 1 / prior.variance(slipped), state, scatter, noise)
+    factor = _factorise(information)
+    slack = slips.weigh_all(prior, slipped, *_increments(system, factor, state), rng)
+    return _result(system, prior, slack, factor, state, scatter, noise, iteration, converged)
 
 
-def _weights(system: System, state: Array, ratio: float, noise: Noise) -> tuple[Array, Array, float]:
-    """How likely each sighting (m,) and ring (r,) is what it is taken for, and the cost of all (minus log likelihood)."""
-    seen, rings = system.residuals(state)
-    std, ring_std = system.run.sightings.std * ratio, system.run.rings.std * ratio
-    right = np.log((1 - noise.outliers) / (2 * np.pi * std**2)) - 0.5 * np.sum(seen**2, axis=1) / ratio**2
-    wrong = np.log(noise.outliers / noise.outlier_span**2)
-    ring_right = np.log((1 - noise.outliers) / (np.sqrt(2 * np.pi) * ring_std)) - 0.5 * rings**2 / ratio**2
-    ring_wrong = np.log(noise.outliers / noise.outlier_span)
-    both, ring_both = np.logaddexp(right, wrong), np.logaddexp(ring_right, ring_wrong)
-    return np.exp(right - both), np.exp(ring_right - ring_both), -float(both.sum() + ring_both.sum())
+def _increments(system: System, factor: Any, state: Array) -> tuple[Array, Array]:
+    """Mean (K - 1,) and covariance (K - 1, K - 1) of the slack's increments."""
+    layout = system.layout
+    covariance = _columns(factor, layout.slack, layout.landmarks)[layout.slack : layout.landmarks]
+    return np.diff(state[layout.slack : layout.landmarks]), np.diff(np.diff(covariance, axis=0), axis=1)
 
 
-def _cost(system: System, sites: slips.Sites, state: Array, ratio: float, noise: Noise) -> float:
+def _cost(system: System, precision: Array, state: Array, scatter: Scatter, noise: Noise) -> float:
     known = system.prior @ state - system.prior_value
     step = system.increments @ state
-    slack = 0.5 * sites.precision @ step**2 - sites.shift @ step
-    return float(_weights(system, state, ratio, noise)[2] + 0.5 * known @ known + slack)
+    return float(weigh(system, state, scatter, noise).cost + 0.5 * known @ known + 0.5 * precision @ step**2)
 
 
 def _normal(
-    system: System, fixed: Sparse, sites: slips.Sites, state: Array, ratio: float, noise: Noise
+    system: System, fixed: Sparse, precision: Array, state: Array, scatter: Scatter, noise: Noise
 ) -> tuple[Sparse, Array]:
     """Information matrix and gradient at ``state``."""
-    weight, ring_weight, _ = _weights(system, state, ratio, noise)
+    weighed = weigh(system, state, scatter, noise)
     seen, rings = system.residuals(state)
     jacobian = system.jacobian(state)
-    weights = np.concatenate([weight, weight, ring_weight]) / ratio**2
+    weight = weighed.sightings / (scatter.ratio**2 * scatter.alike)
+    weights = np.concatenate([weight, weight, weighed.rings / (scatter.ring_ratio**2 * scatter.ring_alike)])
     residual = np.concatenate([seen[:, 0], seen[:, 1], rings])
     weighted = sparse.diags_array(weights) @ jacobian
     step = system.increments
-    information = fixed + jacobian.T @ weighted + step.T @ (sparse.diags_array(sites.precision) @ step)
+    information = fixed + jacobian.T @ weighted + step.T @ (sparse.diags_array(precision) @ step)
     gradient = jacobian.T @ (weights * residual) + system.prior.T @ (system.prior @ state - system.prior_value)
-    gradient = gradient + step.T @ (sites.precision * (step @ state) - sites.shift)
+    gradient = gradient + step.T @ (precision * (step @ state))
     return sparse.csc_matrix(information), np.asarray(gradient, dtype=np.float64)
 
 
-def _step(system: System, fixed: Sparse, sites: slips.Sites, state: Array, ratio: float, noise: Noise) -> tuple[Array, Any]:
+def _step(system: System, fixed: Sparse, precision: Array, state: Array, scatter: Scatter, noise: Noise) -> tuple[Array, Any]:
     """One Levenberg-Marquardt step, and the factorised information at where it began."""
-    information, gradient = _normal(system, fixed, sites, state, ratio, noise)
-    cost = _cost(system, sites, state, ratio, noise)
+    information, gradient = _normal(system, fixed, precision, state, scatter, noise)
+    cost = _cost(system, precision, state, scatter, noise)
     factor = _factorise(information)
     step = factor.solve(gradient)
     damping = 1e-3
     for _ in range(12):
         trial = state - step
-        if _cost(system, sites, trial, ratio, noise) <= cost + 1e-9 * abs(cost):
+        if _cost(system, precision, trial, scatter, noise) <= cost + 1e-9 * abs(cost):
             return trial, factor
         damped = information + sparse.diags_array(damping * information.diagonal())
         step = _factorise(sparse.csc_matrix(damped)).solve(gradient)
@@ -127,33 +134,21 @@ def _columns(factor: Any, first: int, last: int) -> Array:
     return np.asarray(factor.solve(unit), dtype=np.float64)
 
 
-def _scatter(system: System, state: Array, ratio: float, noise: Noise) -> float:
-    """How many times larger the scatter of the agreeing sightings is than they claim."""
-    weight, ring_weight, _ = _weights(system, state, ratio, noise)
-    seen, rings = system.residuals(state)
-    total = float(weight @ np.sum(seen**2, axis=1) + ring_weight @ rings**2)
-    free = 2 * float(weight.sum()) + float(ring_weight.sum())
-    layout = system.layout
-    free -= layout.centres - layout.landmarks
-    return float(np.clip(np.sqrt(total / free), 0.2, 5.0)) if free > 30 else ratio
-
-
 def _result(
     system: System,
-    fixed: Sparse,
-    sites: slips.Sites,
     prior: slips.SlipPrior,
+    slack: slips.Slack,
+    factor: Any,
     state: Array,
-    ratio: float,
+    scatter: Scatter,
     noise: Noise,
     iterations: int,
     converged: bool,
 ) -> Smoothed:
     layout, knots = system.layout, system.knots
-    information, _ = _normal(system, fixed, sites, state, ratio, noise)
-    covariance = _columns(_factorise(information), 0, layout.centres)[: layout.centres]
+    state, covariance = _over_all_slips(system, slack, factor, state)
     positions = system.positions(state)
-    weight, ring_weight, _ = _weights(system, state, ratio, noise)
+    weighed = weigh(system, state, scatter, noise)
     landmarks = []
     for k, name in enumerate(layout.landmark_ids):
         at, mine = layout.landmarks + 2 * k, system.landmark == k
@@ -161,15 +156,14 @@ def _result(
         block = covariance[at : at + 2, at : at + 2]
         landmarks.append(
             SmoothedLandmark(
-                int(name), float(state[at]), angle, (block + block.T) / 2, int(mine.sum()), float(weight[mine].sum())
+                int(name), float(state[at]), angle, (block + block.T) / 2, int(mine.sum()), float(weighed.sightings[mine].sum())
             )
         )
     joints = []
     for k, name in enumerate(layout.joint_ids):
         at, mine = layout.joints + k, system.joint == k
         std = float(np.sqrt(covariance[at, at]))
-        joints.append(SmoothedJoint(int(name), float(state[at]), std, int(mine.sum()), float(ring_weight[mine].sum())))
-    slack = slice(layout.slack, layout.landmarks)
+        joints.append(SmoothedJoint(int(name), float(state[at]), std, int(mine.sum()), float(weighed.rings[mine].sum())))
     focal = float(np.exp(state[0]))
     return Smoothed(
         positions,
@@ -178,11 +172,27 @@ def _result(
         tuple(joints),
         Known(float(state[1]), float(np.sqrt(covariance[1, 1]))),
         Known(focal, focal * float(np.sqrt(covariance[0, 0]))),
-        slips.report(system.run, knots, sites, prior, state[slack], covariance[slack, slack], positions),
-        ratio,
+        slips.report(system.run, knots, slack, prior, positions),
+        scatter.ratio,
         iterations,
         converged,
     )
+
+
+def _over_all_slips(system: System, slack: slips.Slack, factor: Any, state: Array) -> tuple[Array, Array]:
+    """State, and covariance of all but the errors of centre and axis, with the increments as they are over all sets of slips:
+    the rest follows them linearly."""
+    layout = system.layout
+    covariance = _columns(factor, 0, layout.centres)
+    if len(slack.mean) == 0:
+        return state, covariance[: layout.centres]
+    steps = np.diff(covariance[:, layout.slack : layout.landmarks], axis=1)
+    between = np.diff(steps[layout.slack : layout.landmarks], axis=0)
+    follow = np.linalg.solve((between + between.T) / 2, steps.T).T
+    mean = np.diff(state[layout.slack : layout.landmarks])
+    state = state + follow @ (slack.mean - mean)
+    follow = follow[: layout.centres]
+    return state, covariance[: layout.centres] + follow @ (slack.covariance - between) @ follow.T
 
 
 def _position_std(system: System, covariance: Array) -> Array:

@@ -104,14 +104,16 @@ class Noise:
     """How a run goes wrong.
 
     ``scale_std`` of an uncalibrated tether; ``drift`` of tether against way (m per sqrt m); ``slip_rate`` expected slips per
-    metre, ``slip_std`` (m) their size; ``centre_std`` (px) of the focus of expansion and ``centre_memory`` (m) over which its
-    error stays alike; ``axis_std`` (radii) and ``axis_memory`` (m) of the camera's offset the same; ``outliers`` the share of
-    sightings that are something else, ``outlier_span`` (px) the width over which those lie.
+    metre, known as from ``slip_experience`` slips seen, and ``slip_std`` (m) their size; ``centre_std`` (px) of the focus of
+    expansion and ``centre_memory`` (m) over which its error stays alike; ``axis_std`` (radii) and ``axis_memory`` (m) of the
+    camera's offset the same; ``outliers`` the share of sightings that are something else, ``outlier_span`` (px) the width over
+    which those lie.
     """
 
     scale_std: float = 0.05
     drift: float = 0.005
-    slip_rate: float = 0.05
+    slip_rate: float = 0.1
+    slip_experience: float = 2.0
     slip_std: float = 0.3
     centre_std: float = 4.0
     centre_memory: float = 0.5
