@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from device.detectors import Detector, NoDetector
-from device.feed import GrabberFeed
+from device.feed import Feed, GrabberFeed
 from device.tether import Tether
 from drivers.encoder.base import Encoder
 
@@ -33,3 +34,9 @@ class Crawler:
     radius: float | None = None
     begin: Callable[[], None] = lambda: None
     hold: Callable[[bool], None] = lambda held: None
+
+    @property
+    def feeds(self) -> list[Feed[Any]]:
+        """All there are."""
+        found: list[Feed[Any]] = [] if self.grabber is None else [self.grabber]
+        return found if self.tether is None else [*found, self.tether.feed]

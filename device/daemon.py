@@ -8,6 +8,7 @@ import os
 import shutil
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,13 +19,17 @@ from device.bus import Bus, Subscription
 from device.cameras import feeds as make_feeds
 from device.clock import Clock
 from device.config import Settings
+from device.crawler import Crawler
+from device.crawlers import make_crawler
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
 from device.feed import CameraFeed
 from device.pictures import PICTURE_KINDS, PictureCache
 from device.store import Store
 from device.store.surveys import QUESTIONS
 from device.surveys.diameter import DiameterSurvey
+from device.surveys.landmarks import LandmarkSurvey
 from device.surveys.live import LiveEstimates
+from device.tether import Tether
 from device.workers import WorkerPool
 
 log = logging.getLogger(__name__)
@@ -37,8 +42,9 @@ _MOST_FRAMES = 500
 class Device:
     """Cameras, workers, survey and store of one box, started by ``start`` and stopped by ``close``.
 
-    Raises StoreUnusable where the data folder cannot be used, Invalid where the settings name what cannot be. ``feeds`` and
-    ``pool`` stand in for what the settings would make. What the methods return is JSON-ready; their errors are DeviceErrors.
+    Raises StoreUnusable where the data folder cannot be used, Invalid where the settings name what cannot be. ``feeds``,
+    ``pool`` and ``crawler`` stand in for what the settings would make. What the methods return is JSON-ready; their errors are
+    DeviceErrors.
     """
 
     def __init__(
@@ -48,6 +54,7 @@ class Device:
         feeds: list[CameraFeed] | None = None,
         pool: WorkerPool | None = None,
         clock: Clock | None = None,
+        crawler: Callable[[Store], Crawler] | None = None,
     ) -> None:
         self.settings = settings
         self._begun = time.monotonic()
@@ -63,6 +70,13 @@ class Device:
         except DeviceError:
             self._lock_file.close()
             raise
+        try:
+            self._crawler = (crawler or (lambda store: make_crawler(settings, store, self._changed.set)))(self._store)
+        except DeviceError:
+            self._store.close()
+            self._lock_file.close()
+            raise
+        self._drive = LandmarkSurvey(self._store, self._bus, self._crawler)
         self._pool = pool or WorkerPool(settings.workers)
         self._live = LiveEstimates(self._feeds, self._pool, self._bus, settings.live_hz)
         self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live)
@@ -73,10 +87,13 @@ class Device:
         unfinished = self._store.surveys.abandon_unfinished()
         if unfinished:
             log.warning("%d measurement(s) were cut off when the box last stopped and are gone", unfinished)
+        interrupted = self._store.drives.interrupt_unfinished()
+        if interrupted:
+            log.warning("%d drive(s) were cut off when the box last stopped and are kept as far as they went", interrupted)
         purged = self._store.surveys.purge(self.settings.purge_days)
         if purged:
             log.info("%d survey(s) deleted more than %d days ago were removed", purged, self.settings.purge_days)
-        for feed in self._feeds:
+        for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
         self._live.start()
         self._announcer.start()
@@ -87,9 +104,10 @@ class Device:
         self._stop.set()
         self._changed.set()
         self._bus.close()
+        self._drive.close()
         self._survey.close()
         self._live.close()
-        for feed in self._feeds:
+        for feed in (*self._feeds, *self._crawler.feeds):
             feed.close()
         self._pool.close()
         self._store.close()
@@ -118,7 +136,7 @@ class Device:
         return self._live.newest()
 
     def subscribe(self) -> Subscription:
-        """Events from now on: "status", "live", "measurement", "prompt"."""
+        """Events from now on: "status", "live", "measurement", "prompt", "drive"."""
         return self._bus.subscribe()
 
     def picture(self, kind: str, camera: str | None = None) -> bytes | None:
@@ -193,8 +211,7 @@ class Device:
             raise Invalid(f"A recording has between 1 and {_MOST_FRAMES} frames.")
         if position is not None and position not in POSITIONS:
             raise Invalid(f"The position is one of {', '.join(POSITIONS)}.")
-        if self._free_mb() < self.settings.reserve_mb:
-            raise StorageFull(f"Less than {self.settings.reserve_mb} MB are free: make room before you measure.")
+        self._refuse_without_room()
         return {"survey_id": self._survey.start(pipe_id, position, wanted, survey_id)}
 
     def cancel(self) -> None:
@@ -225,12 +242,96 @@ class Device:
     def delete_survey(self, survey_id: int) -> None:
         """Out of sight; ``restore_survey`` undoes it until it is purged. Raises NotFound, Busy."""
         self._survey.refuse_if_measuring(survey_id)
+        self._drive.refuse_if_driving(survey_id)
         self._store.surveys.delete(survey_id)
 
     def restore_survey(self, survey_id: int) -> dict[str, Any]:
         """Undo ``delete_survey``; the survey. Raises NotFound."""
         self._store.surveys.restore(survey_id)
         return self.survey(survey_id)
+
+    # Drives
+
+    def drive(self) -> dict[str, Any]:
+        """The drive under way, the CCTV and the tether."""
+        return self._drive.state()
+
+    def start_drive(
+        self,
+        pipe_id: int | None = None,
+        direction: str = "downstream",
+        radius_m: float | None = None,
+        start_chainage_m: float | None = None,
+    ) -> dict[str, Any]:
+        """Begin to map a pipe: {"survey_id"}. How it goes on is told by "drive" events.
+
+        Raises Busy, NotFound, Invalid, StorageFull.
+        """
+        self._refuse_without_room()
+        pipe = None if pipe_id is None else self._store.places.pipe(pipe_id)
+        return {"survey_id": self._drive.start(pipe, direction, radius_m, start_chainage_m)}
+
+    def pause_drive(self) -> None:
+        """Map nothing until ``resume_drive``. Raises Invalid."""
+        self._drive.pause(True)
+
+    def resume_drive(self) -> None:
+        """Go on mapping. Raises Invalid."""
+        self._drive.pause(False)
+
+    def cancel_drive(self) -> None:
+        """Forget the drive under way, if there is one."""
+        self._drive.cancel()
+
+    def end_drive(self, length_m: float | None = None) -> dict[str, Any]:
+        """The end node is reached: {"survey_id"}. Raises Invalid."""
+        return {"survey_id": self._drive.end(length_m)}
+
+    def mark_landmark(self, label: str, clock: float | None = None, note: str = "") -> dict[str, Any]:
+        """A landmark where the crawler is now. Raises Invalid, StorageFull."""
+        return self._drive.mark(label, clock, note)
+
+    def drive_picture(self, overlay: bool = False) -> bytes | None:
+        """JPEG of the newest CCTV picture, or None."""
+        return self._drive.picture(overlay)
+
+    def set_encoder(self, change: dict[str, Any]) -> dict[str, Any]:
+        """Set "counts_per_metre" and "direction"; the encoder. Raises Busy, Invalid."""
+        self._idle_tether().change(change)
+        return self._drive.encoder()
+
+    def zero_encoder(self, chainage_m: float = 0.0) -> dict[str, Any]:
+        """The crawler stands at this chainage; the encoder. Raises Busy, Invalid."""
+        self._idle_tether().zero(chainage_m)
+        return self._drive.encoder()
+
+    def calibrate_encoder(self, point: str, length_m: float | None = None) -> dict[str, Any]:
+        """Two-point calibration; the encoder. Raises Busy, Invalid."""
+        self._idle_tether().calibrate(point, length_m)
+        return self._drive.encoder()
+
+    def survey_map(self, survey_id: int) -> dict[str, Any]:
+        """The map of a drive, also of the one under way. Raises NotFound."""
+        return self._store.drives.map(survey_id)
+
+    def thumbnail(self, survey_id: int, landmark: int) -> bytes | None:
+        """JPEG of a landmark, or None. Raises NotFound."""
+        return self._store.drives.thumbnail(survey_id, landmark)
+
+    def change_landmark(self, survey_id: int, landmark: int, change: dict[str, Any]) -> dict[str, Any]:
+        """What somebody says of a landmark: "decision", "class", "chainage_m", "clock", "note", "by". Raises NotFound."""
+        said = {key: value for key, value in change.items() if key != "by"}
+        return self._drive.say(survey_id, landmark, said, str(change.get("by") or ""))
+
+    def _idle_tether(self) -> Tether:
+        self._drive.refuse_if_driving()
+        if self._crawler.tether is None:
+            raise Invalid("This box has no tether encoder: name one in its settings.")
+        return self._crawler.tether
+
+    def _refuse_without_room(self) -> None:
+        if self._free_mb() < self.settings.reserve_mb:
+            raise StorageFull(f"Less than {self.settings.reserve_mb} MB are free: make room before you measure.")
 
     def set_clock(self, epoch_ms: int) -> None:
         """The browser offers its time; taken where the box has no better one. Raises Invalid."""

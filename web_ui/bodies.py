@@ -99,7 +99,7 @@ class DriveBody(Body):
     pipe_id: Id | None = None
     direction: Direction = "downstream"
     radius_m: Annotated[float, Field(ge=0.02, le=5)] | None = None
-    start_chainage_m: Chainage = 0.0
+    start_chainage_m: Chainage | None = None
 
 
 class MarkBody(Body):

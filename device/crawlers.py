@@ -1,0 +1,89 @@
+"""From the settings to a crawler: which grabber, which encoder, which camera. Nothing is opened here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from device.config import CrawlerSettings, Settings
+from device.crawler import Crawler, Optics
+from device.errors import Invalid
+from device.feed import EncoderFeed, GrabberFeed
+from device.store import Store
+from device.tether import Tether
+from drivers.base import DriverError
+from drivers.encoder.base import Encoder
+from drivers.encoder.osd import OsdEncoder, OsdReader
+from drivers.grabber.base import FrameGrabber
+from drivers.registry import open_encoder, open_grabber
+
+_GRABBER_ARGUMENT = {"v4l2": "device", "stream": "url", "video": "file", "stills": "folder"}
+_RECORDED = ("video", "stills")
+
+
+def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]) -> Crawler:
+    """The crawler of the settings. Raises Invalid where they name what cannot be."""
+    crawler = settings.crawler
+    if crawler.grabber == "virtual" or crawler.encoder == "virtual":
+        if (crawler.grabber, crawler.encoder) != ("virtual", "virtual"):
+            raise Invalid("The virtual grabber and the virtual encoder go together.")
+        from device.virtual_crawler import virtual_crawler  # it draws in the whole virtual sewer
+
+        return virtual_crawler(settings.virtual_seed, store, on_change)
+    return Crawler(
+        grabber=_grabber(crawler, on_change),
+        tether=_tether(crawler, store, on_change),
+        reader=_reader(crawler),
+        optics=Optics(crawler.focal_px, crawler.centre_px),
+        radius=crawler.radius_m,
+    )
+
+
+def _grabber(settings: CrawlerSettings, on_change: Callable[[], None]) -> GrabberFeed | None:
+    kind = settings.grabber
+    if kind == "none":
+        return None
+    if not settings.grabber_source:
+        raise Invalid(f"Say with grabber_source where the {kind} grabber finds its pictures.")
+    arguments: dict[str, Any] = {_GRABBER_ARGUMENT[kind]: settings.grabber_source, **settings.grabber_options}
+
+    def make() -> FrameGrabber:
+        return open_grabber(kind, **arguments)
+
+    name = _checked(make).name
+    return GrabberFeed(name, kind, make, recorded=kind in _RECORDED, on_change=on_change)
+
+
+def _tether(settings: CrawlerSettings, store: Store, on_change: Callable[[], None]) -> Tether | None:
+    kind = settings.encoder
+    if kind in ("none", "osd"):
+        return None
+    if not settings.encoder_port:
+        raise Invalid(f"Say with encoder_port where the {kind} encoder is plugged in.")
+    where = "file" if kind == "csv" else "port"
+    arguments: dict[str, Any] = {where: settings.encoder_port, **settings.encoder_options}
+
+    def make() -> Encoder:
+        return open_encoder(kind, **arguments)
+
+    name = _checked(make).name
+    return Tether(
+        EncoderFeed(name, kind, make, recorded=kind == "csv", on_change=on_change), store.remembered, settings.counts_per_metre
+    )
+
+
+def _reader(settings: CrawlerSettings) -> Callable[[], Any] | None:
+    if settings.encoder != "osd":
+        return None
+    region = settings.osd_region
+    return lambda: OsdEncoder(OsdReader(region))
+
+
+def _checked(make: Callable[[], Any]) -> Any:
+    """Made once, not opened: a slip in the settings is told now, before anything is started."""
+    try:
+        return make()
+    except (DriverError, ValueError) as error:
+        raise Invalid(str(error)) from None
+    except TypeError as error:
+        raise Invalid(f"The settings of the crawler name an option that its driver does not have: {error}.") from None

@@ -1,0 +1,252 @@
+"""One drive from pictures and positions to a map: the one way that the live survey and ``borescout map`` both go.
+
+picture -> flow, focus of expansion, joints -> view -> detector -> mapper        (each picture)
+sightings, joints, tether -> smoother -> map                                    (at the end)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from device.detectors import Detector
+from device.landmark_overlay import Mark, Scene
+from device.surveys.landmark_smoothing import FrameNote, Mapped, smooth_drive
+from device.surveys.looking import Look, Looking
+from drivers.grabber.base import VideoFrame
+from estimators.landmarks.mapper import Mapper, MapperConfig
+from estimators.landmarks.projection import PipeCamera, View
+from estimators.landmarks.smoothing import Known
+from estimators.landmarks.types import Evidence, Landmark, Observation
+from estimators.odometry import Position
+
+Image = NDArray[np.uint8]
+
+_USUAL_DIAGONAL = math.hypot(720, 576)
+MIN_THUMBNAIL, MAX_THUMBNAIL = 64, 240
+CALIBRATED_SHARE = 0.02
+"""Standard deviation, as a share, of an f * R that comes from a stated focal length and a nominal radius."""
+
+
+@dataclass(frozen=True)
+class PipelineSetup:
+    """What is known before the drive: ``focal`` (fx, fy) and ``centre`` (px), ``radius`` (m); None for what is not.
+
+    ``focal_radius`` is f * R (px m) where somebody states that instead.
+    """
+
+    focal: tuple[float, float] | None = None
+    centre: tuple[float, float] | None = None
+    radius: float | None = None
+    focal_radius: float | None = None
+    mapper: MapperConfig | None = None
+
+    @property
+    def known_focal_radius(self) -> Known | None:
+        """f * R, where it is known before the drive."""
+        if self.focal_radius is not None:
+            return Known(self.focal_radius, CALIBRATED_SHARE * self.focal_radius)
+        if self.focal is not None and self.radius is not None:
+            value = self.focal[0] * self.radius
+            return Known(value, CALIBRATED_SHARE * value)
+        return None
+
+    def camera(self, width: int, height: int, found: float | None = None) -> PipeCamera | None:
+        """The camera for a picture of this size; ``found`` is f * R as the joints tell it. None where nothing tells it."""
+        if self.focal is not None and self.radius is not None:
+            return PipeCamera(self.focal[0], self.focal[1], self.radius, width, height)
+        focal_radius = self.focal_radius if self.focal_radius is not None else found
+        if focal_radius is None:
+            return None
+        aspect = 1.0 if self.focal is None else self.focal[1] / self.focal[0]
+        return PipeCamera(focal_radius, aspect * focal_radius, 1.0, width, height)  # lengths on the wall in radii
+
+
+@dataclass(frozen=True)
+class Step:
+    """What came of one picture. ``view`` is None where nobody knows where it was taken."""
+
+    time_s: float
+    number: int
+    position: Position | None
+    view: View | None
+    look: Look
+    prompts: tuple[str, ...] = ()
+
+
+@dataclass
+class _Cut:
+    """A landmark's best picture so far."""
+
+    frame: int
+    image: Image = field(repr=False)
+
+    def jpeg(self) -> bytes:
+        _, data = cv2.imencode(".jpg", self.image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+        return data.tobytes()
+
+
+class LandmarkPipeline:
+    """Feed it the pictures of a drive in their order; ask for the map at any time."""
+
+    def __init__(self, setup: PipelineSetup, detector: Detector, seed: int = 0) -> None:
+        self.setup = setup
+        self.frames = 0
+        """Pictures that were looked at."""
+        self._detector = detector
+        self._looking = Looking(setup.centre, seed)
+        self._mapper: Mapper | None = None
+        self._camera: PipeCamera | None = None
+        self._waiting: list[Observation] = []
+        """Seen before f * R was known."""
+        self._notes: list[FrameNote] = []
+        self._cuts: dict[int, _Cut] = {}
+        self._log: list[Any] = []
+        self._low, self._high = math.inf, -math.inf
+
+    def step(self, frame: VideoFrame, position: Position | None) -> Step:
+        """One picture, taken at ``position``; None where nobody knows."""
+        self.frames += 1
+        height, width = frame.image.shape[:2]
+        gray = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        look = self._looking.look(gray, frame.time_s, position)
+        if position is None:
+            return Step(frame.time_s, frame.number, None, None, look, look.codes)
+        if self._camera is None:
+            self._camera = self.setup.camera(width, height, self._found())
+        radius = 1.0 if self._camera is None else self._camera.radius
+        view = View(position.chainage, look.centre, (radius * look.axis[0], radius * look.axis[1]))
+        detections = self._detector.detect(frame)
+        seen = Observation(self.frames, frame.time_s, view, detections, position.std, look.centre_std)
+        self._map(seen, frame.image)
+        self._notes.append(FrameNote(self.frames, frame.time_s, position.chainage, view))
+        self._low, self._high = min(self._low, position.chainage), max(self._high, position.chainage)
+        self._log.append(_entry(seen))
+        return Step(frame.time_s, frame.number, position, view, look, look.codes)
+
+    @property
+    def placed(self) -> int:
+        """Pictures that were taken at a known place."""
+        return len(self._notes)
+
+    def landmarks(self, candidates: bool = False) -> list[Landmark]:
+        """The map so far, along the pipe, without its sightings."""
+        return [] if self._mapper is None else self._mapper.landmarks(candidates, with_sightings=False)
+
+    def thumbnail(self, landmark: int) -> tuple[int, Callable[[], bytes]] | None:
+        """The best picture of a landmark: the frame it is from, and what makes a JPEG of it."""
+        cut = self._cuts.get(landmark)
+        return None if cut is None else (cut.frame, cut.jpeg)
+
+    def joints(self) -> list[dict[str, Any]]:
+        """The pipe joints so far: {"chainage_m", "sightings"}."""
+        return self._looking.joints()
+
+    def focal_radius(self) -> dict[str, float] | None:
+        """f * R (px m): {"value", "sigma"}, None where nothing tells it yet."""
+        known = self.setup.known_focal_radius
+        return None if known is None else {"value": round(known.value, 2), "sigma": round(known.std, 3)}
+
+    def span(self) -> tuple[float | None, float | None]:
+        """The least and the greatest chainage (m) that the crawler has been at."""
+        return (None, None) if self._low > self._high else (round(self._low, 3), round(self._high, 3))
+
+    def log_entries(self) -> list[Any]:
+        """What is to be kept so that the drive can be mapped again, see ``_entry``; what was not kept yet."""
+        return list(self._log)
+
+    def log_was_kept(self, count: int) -> None:
+        """The first ``count`` entries are durable."""
+        del self._log[:count]
+
+    def scene(self, step: Step, numbers: dict[int, int]) -> Scene:
+        """What to draw into the picture of ``step``; ``numbers`` are those that the operator knows landmarks by."""
+        assert step.view is not None  # what has no place has no scene
+        marks = [
+            Mark(f"{numbers.get(found.id, found.id)} {found.label}", found.status, found.chainage, found.angle)
+            for found in self.landmarks(candidates=True)
+            if found.status != "passed"
+        ]
+        return Scene(self._camera, step.view, marks, step.look.ellipses)
+
+    def finish(self) -> None:
+        """The drive is over: what was only suspected is dropped."""
+        if self._mapper is not None:
+            self._mapper.finish()
+
+    def smooth(self, length: float | None = None) -> Mapped | None:
+        """The map smoothed over the whole drive, ``length`` (m) from its first picture to its last where it is known. None
+        where there is nothing to smooth."""
+        if not self._notes:
+            return None
+        camera = self._camera
+        landmarks = [] if self._mapper is None else self._mapper.landmarks(with_sightings=True)
+        return smooth_drive(
+            self._notes,
+            landmarks,
+            [],
+            1.0 if camera is None else camera.radius,
+            1.0 if camera is None else camera.fy / camera.fx,
+            self.setup.known_focal_radius,
+            length,
+        )
+
+    def _found(self) -> float | None:
+        return None
+
+    def _map(self, seen: Observation, image: Image) -> None:
+        if self._mapper is None:
+            if self._camera is None:
+                if seen.detections is not None:
+                    self._waiting.append(seen)
+                return
+            self._mapper = Mapper(self._camera, self.setup.mapper or mapper_config(self._camera))
+            for earlier in self._waiting:
+                self._mapper.update(earlier)
+            self._waiting.clear()
+        self._mapper.update(seen)
+        if seen.detections:
+            self._cut(seen.frame, image)
+
+    def _cut(self, frame: int, image: Image) -> None:
+        """Keep what this picture shows better than any before."""
+        assert self._mapper is not None  # it has just mapped this frame
+        tracks = self._mapper.tracks
+        for row in np.flatnonzero(tracks.evidence[:, 0] == frame):
+            number = int(tracks.ids[row])
+            _, u, v, size = (float(value) for value in tracks.evidence[row])
+            self._cuts[number] = _Cut(frame, cut_out(image, Evidence(frame, u, v, size)))
+        if len(self._cuts) > 2 * len(tracks) + 50:
+            alive = set(tracks.ids.tolist())
+            self._cuts = {number: cut for number, cut in self._cuts.items() if number in alive}
+
+
+def mapper_config(camera: PipeCamera) -> MapperConfig:
+    """The mapper's settings for pictures of this size: a detector is off by a share of its picture, not by so many pixels."""
+    usual = MapperConfig()
+    return replace(usual, pixel_std=usual.pixel_std * math.hypot(camera.width, camera.height) / _USUAL_DIAGONAL)
+
+
+def cut_out(image: Image, evidence: Evidence) -> Image:
+    """A square of ``image`` around the evidence, a copy; where it would leave the picture it is moved inside."""
+    height, width = image.shape[:2]
+    side = int(min(np.clip(1.4 * evidence.size, MIN_THUMBNAIL, MAX_THUMBNAIL), height, width))
+    left = int(np.clip(evidence.u - side / 2, 0, width - side))
+    top = int(np.clip(evidence.v - side / 2, 0, height - side))
+    return image[top : top + side, left : left + side].copy()
+
+
+def _entry(seen: Observation) -> list[Any]:
+    """[frame, time_s, position, its std, centre u, v, its std, axis right, down, detections]; a detection is
+    [u, v, class, score, area], and there are none (null) where the detector did not look."""
+    view = seen.view
+    numbers = (seen.time_s, view.position, seen.position_std, *view.centre, seen.centre_std, *view.axis)
+    found = seen.detections
+    told = None if found is None else [[round(d.u, 1), round(d.v, 1), d.label, round(d.score, 3), d.area] for d in found]
+    return [seen.frame, *(round(value, 4) for value in numbers), told]

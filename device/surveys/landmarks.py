@@ -1,0 +1,516 @@
+"""The landmarks survey: a drive through a pipe, mapped while it goes on and smoothed when its end is reached.
+
+One thread takes the pictures, places each by the tether, and hands it to the pipeline. About once a second what has come is
+made durable, a few times a second it is told to whoever listens; what is told of a stored landmark has been stored before.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from device.bus import Bus
+from device.crawler import Crawler
+from device.errors import Busy, DeviceError, Invalid, NotFound, StorageFull
+from device.feed import Feed
+from device.landmark_overlay import draw
+from device.pictures import encode_jpeg
+from device.prompts import PROMPTS
+from device.store import Kept, KeptLandmark, Store
+from device.store.drives import with_words
+from device.surveys.drive_faults import FaultWatch
+from device.surveys.landmark_json import landmark_json, marked_json
+from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup, Step
+from device.surveys.placing import Placing
+from device.tap import Tap
+from drivers.encoder.base import Reading
+from drivers.grabber.base import VideoFrame
+
+log = logging.getLogger(__name__)
+
+KEEP_S = 1.0
+TELL_S = 0.25
+AWAKE_S = 5.0
+"""How long a costly grabber stays awake after somebody looked at its picture."""
+_FRAMES_WAITING = 2
+_READINGS_WAITING = 4096
+_UNEXPECTED = "The drive failed inside the box; its log says why. What was mapped is kept."
+
+
+@dataclass
+class _Drive:
+    """One drive under way. ``numbers`` are those that the operator knows the mapper's landmarks by."""
+
+    survey_id: int
+    pipe_id: int | None
+    direction: str
+    radius_m: float | None
+    pipeline: LandmarkPipeline
+    placing: Placing
+    faults: FaultWatch
+    begun: float
+    state: str = "driving"
+    progress: float | None = None
+    length_m: float | None = None
+    ending: threading.Event = field(default_factory=threading.Event)
+    cancelled: bool = False
+    dropped: int = 0
+    numbers: dict[int, int] = field(default_factory=dict)
+    marks: dict[int, tuple[float, dict[str, Any]]] = field(default_factory=dict)
+    """Marked by hand, by number: the moment (on the frames' clock) and the landmark."""
+    words: dict[int, list[dict[str, Any]]] = field(default_factory=dict)
+    kept: dict[int, dict[str, Any]] = field(default_factory=dict)
+    pictured: dict[int, int] = field(default_factory=dict)
+    """The frame of the thumbnail that is stored, by number."""
+    told: dict[int, dict[str, Any]] = field(default_factory=dict)
+    full: bool = False
+    shown: tuple[VideoFrame, Step] | None = None
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since the drive began."""
+        return time.monotonic() - self.begun
+
+
+class LandmarkSurvey:
+    """One drive at a time."""
+
+    kind = "landmarks"
+
+    def __init__(self, store: Store, bus: Bus, crawler: Crawler) -> None:
+        self._store = store
+        self._bus = bus
+        self._crawler = crawler
+        self._lock = threading.RLock()
+        """Held while a frame is mapped: whoever else looks into the drive waits some milliseconds."""
+        self._drive: _Drive | None = None
+        self._thread: threading.Thread | None = None
+        self._jpeg: tuple[tuple[int, bool], bytes] | None = None
+
+    # What the page asks
+
+    @property
+    def available(self) -> bool:
+        """Whether this box has a CCTV grabber and something that tells the distance."""
+        return self._crawler.grabber is not None and (self._crawler.tether is not None or self._crawler.reader is not None)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a drive is under way."""
+        return self._drive is not None
+
+    def state(self) -> dict[str, Any]:
+        """The drive, the CCTV and the tether at this moment, see ``web_ui.openapi``."""
+        drive = self._drive
+        grabber, encoder = self._crawler.grabber, self._encoder_json()
+        common: dict[str, Any] = {
+            "available": self.available,
+            "state": "idle",
+            "survey_id": None,
+            "pipe_id": None,
+            "direction": "downstream",
+            "chainage_m": None,
+            "sigma_m": None,
+            "speed_mps": None,
+            "seconds": 0.0,
+            "frames": 0,
+            "dropped": 0,
+            "fps": 0.0 if grabber is None else round(grabber.status().fps, 1),
+            "grabber": None if grabber is None else feed_json(grabber),
+            "encoder": encoder,
+            "prompts": [],
+            "counts": {"candidate": 0, "confirmed": 0, "passed": 0},
+            "progress": None,
+        }
+        if drive is None:
+            return common
+        with self._lock:
+            where = drive.placing.now()
+            statuses = [row["status"] for row in self._rows(drive)]
+            return {
+                **common,
+                "state": drive.state,
+                "survey_id": drive.survey_id,
+                "pipe_id": drive.pipe_id,
+                "direction": drive.direction,
+                "chainage_m": None if where is None else round(where.chainage, 3),
+                "sigma_m": None if where is None else round(where.std, 3),
+                "speed_mps": None if where is None else round(where.speed, 3),
+                "seconds": round(drive.now_s, 1),
+                "frames": drive.pipeline.frames,
+                "dropped": drive.dropped,
+                "prompts": [PROMPTS[code].to_json() for code in self._codes(drive)],
+                "counts": {status: statuses.count(status) for status in common["counts"]},
+                "progress": drive.progress,
+            }
+
+    def encoder(self) -> dict[str, Any]:
+        """The tether with its calibration. Raises Invalid where there is none."""
+        found = self._encoder_json()
+        if found is None:
+            raise Invalid("This box has no tether encoder: name one in its settings.")
+        return found
+
+    def start(self, pipe: dict[str, Any] | None, direction: str, radius_m: float | None, start_chainage_m: float | None) -> int:
+        """Begin a drive; its survey's number. Raises Busy, Invalid, StorageFull."""
+        crawler = self._crawler
+        with self._lock:
+            if self._drive is not None:
+                raise Busy("A drive is under way: end it or cancel it first.")
+            if crawler.grabber is None:
+                raise Invalid("This box has no CCTV grabber: name one in its settings.")
+            if not self.available:
+                raise Invalid("This box has nothing that tells the distance: name an encoder in its settings.")
+            if crawler.tether is not None:
+                crawler.begin()
+                crawler.tether.zero(start_chainage_m or 0.0)
+            if radius_m is None:
+                dn = (pipe or {}).get("reference_dn")
+                radius_m = crawler.radius if dn is None else dn / 2000.0
+            setup = PipelineSetup(crawler.optics.focal, crawler.optics.centre, radius_m)
+            pipe_id = None if pipe is None else pipe["id"]
+            settings = {
+                "direction": direction,
+                "radius_m": radius_m,
+                "focal_px": crawler.optics.focal,
+                "centre_px": crawler.optics.centre,
+                "start_chainage_m": start_chainage_m or 0.0,
+                "encoder": self._encoder_json(),
+                "grabber": crawler.grabber.name,
+            }
+            number = self._store.drives.begin(pipe_id, settings)
+            reader = None if crawler.reader is None else crawler.reader()
+            placing = Placing(None if crawler.tether is None else crawler.tether.calibration, reader)
+            pipeline = LandmarkPipeline(setup, crawler.detector(), seed=number)
+            self._drive = _Drive(number, pipe_id, direction, radius_m, pipeline, placing, FaultWatch(), time.monotonic())
+            self._thread = threading.Thread(target=self._run, args=(self._drive,), name=f"drive {number}", daemon=True)
+            self._thread.start()
+        log.info("drive %d: begins, %s", number, direction)
+        return number
+
+    def pause(self, paused: bool) -> None:
+        """Map nothing until ``pause(False)``; the way goes on being counted. Raises Invalid."""
+        with self._lock:
+            drive = self._going()
+            drive.state = "paused" if paused else "driving"
+        self._crawler.hold(paused)
+
+    def cancel(self) -> None:
+        """Forget the drive under way, if there is one. Returns at once."""
+        drive = self._drive
+        if drive is not None:
+            drive.cancelled = True
+            drive.ending.set()
+
+    def end(self, length_m: float | None) -> int:
+        """The end node is reached: smooth, store. Returns at once with the survey's number. Raises Invalid."""
+        with self._lock:
+            drive = self._going()
+            drive.length_m = length_m
+            drive.state, drive.progress = "finishing", 0.0
+            drive.ending.set()
+            return drive.survey_id
+
+    def mark(self, label: str, clock: float | None, note: str) -> dict[str, Any]:
+        """A landmark where the crawler is now; it is stored when this returns. Raises Invalid, StorageFull."""
+        with self._lock:
+            drive = self._going()
+            where = drive.placing.now()
+            if where is None:
+                raise Invalid("Nobody knows where the crawler is: the tether encoder is silent.")
+            number = self._next_number(drive)
+            row = marked_json(number, label, where.chainage, where.std, clock)
+            self._store.drives.keep(drive.survey_id, Kept(landmarks=[KeptLandmark(number, row)]))
+            drive.marks[number] = (where.time_s, row)
+            drive.kept[number] = row
+        if note:
+            return self.say(drive.survey_id, number, {"note": note}, "")
+        return self._store.drives.landmark(drive.survey_id, number)
+
+    def say(self, survey_id: int, number: int, said: dict[str, Any], by: str) -> dict[str, Any]:
+        """Keep what ``by`` said of a landmark, of this drive or an earlier one. Raises NotFound."""
+        with self._lock:
+            drive = self._drive
+            if drive is None or drive.survey_id != survey_id:
+                return self._store.drives.say(survey_id, number, said, by)
+            if number not in drive.kept:  # a candidate: what somebody speaks of is kept, whatever becomes of it
+                row = next((row for row in self._rows(drive) if row["id"] == number), None)
+                if row is None:
+                    raise NotFound(f"Survey {survey_id} has no landmark number {number}.")
+                self._store.drives.keep(survey_id, Kept(landmarks=[KeptLandmark(number, row)]))
+                drive.kept[number] = row
+            answer = self._store.drives.say(survey_id, number, said, by)
+            drive.words[number] = answer["history"]
+            return answer
+
+    def picture(self, overlay: bool) -> bytes | None:
+        """JPEG of the newest CCTV picture, or None. ``overlay``: with what the drive makes of it drawn in."""
+        grabber = self._crawler.grabber
+        if grabber is None:
+            return None
+        grabber.wake(AWAKE_S)
+        drive = self._drive
+        shown = None if drive is None else drive.shown
+        if overlay and drive is not None and shown is not None:
+            frame, step = shown
+        else:
+            if grabber.latest is None or grabber.status().state not in ("up", "degraded"):
+                return None
+            frame, step, overlay = grabber.latest, None, False
+        key = (frame.monotonic_ns, overlay)
+        known = self._jpeg
+        if known is not None and known[0] == key:
+            return known[1]
+        image = frame.image
+        if step is not None and drive is not None and step.view is not None:
+            with self._lock:
+                scene = drive.pipeline.scene(step, drive.numbers)
+            image = draw(image, scene)
+        data = encode_jpeg(image)
+        self._jpeg = (key, data)
+        return data
+
+    def refuse_if_driving(self, survey_id: int | None = None) -> None:
+        """Raises Busy while a drive is under way (or this very one)."""
+        drive = self._drive
+        if drive is not None and survey_id in (None, drive.survey_id):
+            raise Busy("A drive is under way: end it or cancel it first.")
+
+    def close(self, wait_s: float = 10.0) -> None:
+        """Stop. A drive under way is kept as it stands, as interrupted. May be called twice."""
+        drive = self._drive
+        if drive is not None and not drive.ending.is_set():
+            drive.state = "closing"
+            drive.ending.set()
+        if self._thread is not None:
+            self._thread.join(wait_s)
+
+    # The drive's own thread
+
+    def _run(self, drive: _Drive) -> None:
+        message = ""
+        try:
+            self._go(drive)
+            if drive.cancelled:
+                self._store.drives.forget(drive.survey_id)
+                message = "The drive was cancelled."
+            elif drive.state == "closing":
+                self._keep(drive, "interrupted")
+            else:
+                self._finish(drive)
+        except DeviceError as error:
+            message = str(error)
+            log.error("drive %d: %s", drive.survey_id, error)
+        except Exception:  # the last net: what was stored so far stays, and the next start of the box calls it interrupted
+            log.exception("drive %d failed in an unexpected way", drive.survey_id)
+            message = _UNEXPECTED
+            self._save_what_is_there(drive)
+        with self._lock:
+            self._drive = None
+        log.info("drive %d: over%s", drive.survey_id, f", {message}" if message else "")
+        self._bus.publish("drive", {**self.state(), "landmarks": [], "gone": [], "faults": [], "message": message})
+
+    def _go(self, drive: _Drive) -> None:
+        grabber, tether = self._crawler.grabber, self._crawler.tether
+        assert grabber is not None  # start() saw to it
+        frames = grabber.tap(_FRAMES_WAITING)
+        readings = None if tether is None else tether.feed.tap(_READINGS_WAITING)
+        keep_due = tell_due = time.monotonic()
+        dropped_before = grabber.status().drops
+        try:
+            while not drive.ending.is_set():
+                frame = frames.get(0.05)
+                with self._lock:
+                    self._take_readings(drive, readings)
+                    if frame is not None:
+                        self._take_frame(drive, frame)
+                    drive.dropped = grabber.status().drops - dropped_before
+                    self._watch(drive)
+                now = time.monotonic()
+                if now >= keep_due:
+                    keep_due = now + KEEP_S
+                    self._keep_if_possible(drive)
+                if now >= tell_due:
+                    tell_due = now + TELL_S
+                    self._tell(drive)
+        finally:
+            frames.close()
+            if readings is not None:
+                readings.close()
+
+    def _take_readings(self, drive: _Drive, readings: Tap[Reading] | None) -> None:
+        while readings is not None and (reading := readings.get(0.0)) is not None:
+            drive.placing.add(reading)
+
+    def _take_frame(self, drive: _Drive, frame: VideoFrame) -> None:
+        drive.placing.see(frame)
+        if drive.state == "paused":
+            return
+        drive.shown = (frame, drive.pipeline.step(frame, drive.placing.at(frame.time_s)))
+
+    def _watch(self, drive: _Drive) -> None:
+        grabber, tether = self._crawler.grabber, self._crawler.tether
+        where = drive.placing.now()
+        chainage = None if where is None else where.chainage
+        drive.faults.now(drive.now_s, chainage)
+        if grabber is not None:
+            drive.faults.feed("grabber", grabber.status())
+        if tether is not None:
+            drive.faults.feed("encoder", tether.feed.status())
+        drive.faults.jumps(drive.placing.jumps)
+        drive.faults.codes(self._codes(drive))
+
+    def _codes(self, drive: _Drive) -> list[str]:
+        """What the operator is told just now, the weightiest first."""
+        grabber = self._crawler.grabber
+        codes: list[str] = []
+        if drive.full:
+            codes.append("storage_full")
+        if grabber is not None and grabber.status().state != "up":
+            codes.append("signal_lost")
+        if drive.placing.silent(time.monotonic()):
+            codes.append("no_distance" if self._crawler.tether is None else "encoder_lost")
+        if drive.state == "driving" and drive.shown is not None and "signal_lost" not in codes:
+            codes += [code for code in drive.shown[1].prompts if code in PROMPTS]
+        return codes
+
+    def _rows(self, drive: _Drive) -> list[dict[str, Any]]:
+        """Every landmark of this moment, candidates too, each under its number."""
+        rows = []
+        for landmark in drive.pipeline.landmarks(candidates=True):
+            if landmark.id not in drive.numbers:
+                drive.numbers[landmark.id] = self._next_number(drive)
+            rows.append(landmark_json(drive.numbers[landmark.id], landmark))
+        return [*rows, *(row for _, row in drive.marks.values())]
+
+    @staticmethod
+    def _next_number(drive: _Drive) -> int:
+        return 1 + max([*drive.numbers.values(), *drive.marks], default=0)
+
+    def _tell(self, drive: _Drive) -> None:
+        with self._lock:
+            rows = {
+                row["id"]: with_words({**row, "thumbnail": row["id"] in drive.pictured}, drive.words.get(row["id"], []))
+                for row in self._rows(drive)
+            }
+            changed = [row for number, row in rows.items() if drive.told.get(number) != row]
+            gone = [number for number in drive.told if number not in rows]
+            drive.told = rows
+            faults = drive.faults.untold()
+        self._bus.publish("drive", {**self.state(), "landmarks": changed, "gone": gone, "faults": faults})
+
+    def _keep_if_possible(self, drive: _Drive) -> None:
+        try:
+            self._keep(drive)
+            drive.full = False
+        except StorageFull as error:  # the drive goes on: what could not be written waits for the next second
+            if not drive.full:
+                log.error("drive %d: %s", drive.survey_id, error)
+            drive.full = True
+
+    def _keep(self, drive: _Drive, state: str | None = None) -> None:
+        """Make durable what has come since the last time. Raises StorageFull, and then nothing counts as kept."""
+        with self._lock:
+            rows = {row["id"]: row for row in self._rows(drive) if row["status"] != "candidate"}
+            pictures = {
+                number: (key, data)
+                for key_id, number in drive.numbers.items()
+                if number in rows and (thumbnail := drive.pipeline.thumbnail(key_id)) is not None
+                for key, data in [thumbnail]
+                if drive.pictured.get(number) != key
+            }
+            changed = [number for number, row in rows.items() if drive.kept.get(number) != row or number in pictures]
+            gone = [number for number in drive.kept if number not in rows and number not in drive.words]
+            faults, entries = drive.faults.unkept(), drive.pipeline.log_entries()
+            summary = self._summary(drive, rows)
+            rings = drive.pipeline.joints()
+        landmarks = [
+            KeptLandmark(number, rows[number], pictures[number][1]() if number in pictures else None) for number in changed
+        ]
+        self._store.drives.keep(drive.survey_id, Kept(landmarks, gone, rings, faults, entries, summary), state)
+        with self._lock:
+            drive.kept = {number: row for number, row in drive.kept.items() if number not in gone} | rows
+            drive.pictured |= {number: key for number, (key, _) in pictures.items()}
+            drive.faults.were_kept(len(faults))
+            drive.pipeline.log_was_kept(len(entries))
+
+    def _summary(self, drive: _Drive, rows: dict[int, dict[str, Any]]) -> dict[str, Any]:
+        from_m, to_m = drive.pipeline.span()
+        return {
+            "from_m": from_m,
+            "to_m": to_m,
+            "frames": drive.pipeline.frames,
+            "dropped": drive.dropped,
+            "seconds": round(drive.now_s, 1),
+            "landmarks": len(rows),
+            "focal_radius": drive.pipeline.focal_radius(),
+            "smoothed": False,
+            "length_m": drive.length_m,
+        }
+
+    def _finish(self, drive: _Drive) -> None:
+        """What the filter has found is made durable first; smoothing can then only add."""
+        drive.pipeline.finish()
+        self._keep(drive)
+        self._tell(drive)
+
+        def progress(share: float) -> None:
+            drive.progress = share
+            self._bus.publish("drive", {**self.state(), "landmarks": [], "gone": [], "faults": []})
+
+        progress(0.1)
+        smoothed = drive.pipeline.smooth(length=drive.length_m)
+        progress(0.9)
+        if drive.cancelled:
+            self._store.drives.forget(drive.survey_id)
+            return
+        if smoothed is None:
+            self._store.drives.keep(drive.survey_id, Kept(), "saved")
+            return
+        rows = {drive.numbers[found.id]: landmark_json(drive.numbers[found.id], found) for found in smoothed.landmarks}
+        for number, (moment, row) in drive.marks.items():
+            shift = smoothed.shift(moment)
+            moved = {key: round(row[key] + shift, 3) for key in ("chainage_m", "chainage_to_m")}
+            rows[number] = {**row, **moved}
+        filtered = {number: row["chainage_m"] for number, row in drive.kept.items()}
+        landmarks = [KeptLandmark(number, {**row, "filtered_chainage_m": filtered.get(number)}) for number, row in rows.items()]
+        summary = {**self._summary(drive, drive.kept), **smoothed.summary, "smoothed": True, "landmarks": len(rows)}
+        faults = [{"time_s": slip.pop("time_s"), **slip} for slip in (dict(slip) for slip in smoothed.slips)]
+        self._store.drives.keep(
+            drive.survey_id, Kept(landmarks=landmarks, rings=smoothed.joints, faults=faults, summary=summary), "saved"
+        )
+
+    def _save_what_is_there(self, drive: _Drive) -> None:
+        try:
+            self._keep(drive, "interrupted")
+        except Exception:  # noqa: BLE001 - it may be the very thing that failed
+            log.warning("drive %d: its last second could not be stored", drive.survey_id)
+
+    def _going(self) -> _Drive:
+        drive = self._drive
+        if drive is None or drive.ending.is_set():
+            raise Invalid("No drive is under way.")
+        return drive
+
+    def _encoder_json(self) -> dict[str, Any] | None:
+        tether = self._crawler.tether
+        return None if tether is None else {**feed_json(tether.feed), **tether.state()}
+
+
+def feed_json(feed: Feed[Any]) -> dict[str, Any]:
+    """A feed as the page reads it."""
+    status = feed.status()
+    return {
+        "name": feed.name,
+        "kind": feed.kind,
+        "state": status.state,
+        "age_s": None if status.age_s is None else round(status.age_s, 2),
+        "message": status.message,
+        "fps": round(status.fps, 1),
+        "frames": status.frames,
+        "drops": status.drops,
+        "reconnects": status.reconnects,
+    }
