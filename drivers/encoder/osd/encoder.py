@@ -34,16 +34,13 @@ class OsdEncoder(Encoder):
         self.dropped = 0
         self.last: Filtered | None = None
         """What became of the picture read last."""
+        self.resets: list[Reset] = []
+        """The leaps between readings since ``open``, oldest first, each since when the counter shows it."""
         self._reader = reader
-        self._settings = settings
         self._filter = OsdFilter(settings)
+        self._given: Filtered | None = None
         self._waiting: VideoFrame | None = None
         self._changed = threading.Condition()
-
-    @property
-    def resets(self) -> list[Reset]:
-        """The counter's leaps since ``open``, oldest first."""
-        return self._filter.resets()
 
     def feed(self, frame: VideoFrame) -> None:
         """The next picture. Returns at once."""
@@ -54,8 +51,8 @@ class OsdEncoder(Encoder):
 
     def _open(self) -> None:
         self._reader = self._reader or OsdReader()
-        self._filter = OsdFilter(self._settings)
-        self.dropped, self.last, self.notice = 0, None, ""
+        self._filter = OsdFilter(self._filter.settings)
+        self.dropped, self.last, self._given, self.notice, self.resets = 0, None, None, "", []
 
     def _read(self, timeout_s: float) -> Reading:
         """Raises FrameTimeout where no picture was fed in the time, BadFrame where it shows no believable distance."""
@@ -70,20 +67,28 @@ class OsdEncoder(Encoder):
             raise BadFrame(f"The picture of {frame.time_s:.2f} s came after that of {self.last.time_s:.2f} s.")
         text = self._reader.read(frame.image)
         told = self._filter.add(frame.time_s, text)
-        if self.last is not None and told.segment > self.last.segment and self.resets:
-            reset = self.resets[-1]
-            self.notice = f"The counter leapt from {reset.before:.2f} m to {reset.after:.2f} m at {reset.time_s:.1f} s."
         self.last = told
         quantum = self._filter.quantum
         if told.distance is None or quantum is None:
             self.rejected += 1
-            what = (
-                f'the text "{text.text}" does not follow from the distances before'
-                if text.text
-                else "no distance is to be seen"
-            )
-            raise BadFrame(f"In the picture of {frame.time_s:.2f} s {what}.")
+            what = "does not follow from the distances before" if told.status == "rejected" else "is no distance"
+            raise BadFrame(f'The text "{text.text}" in the picture of {frame.time_s:.2f} s {what}.')
+        self._tell_leap(told, quantum)
         return Reading(told.distance, frame.monotonic_ns, unit="m", quantum=quantum, media_s=frame.media_s)
+
+    def _tell_leap(self, told: Filtered, quantum: float) -> None:
+        before, self._given = self._given, told
+        if before is None or before.distance is None or told.distance is None:
+            return
+        reach = self._filter.settings.reach(told.time_s - before.time_s, quantum)
+        if told.segment > before.segment:
+            reset = self._filter.resets()[-1]
+        elif abs(told.distance - before.distance) > reach:  # the filter has thought better of what it said before
+            reset = Reset(told.time_s, before.distance, told.distance)
+        else:
+            return
+        self.resets.append(reset)
+        self.notice = f"The counter leapt from {reset.before:.2f} m to {reset.after:.2f} m at {reset.time_s:.1f} s."
 
     def close(self) -> None:
         with self._changed:

@@ -21,9 +21,12 @@ REJECT = 2.5
 """Cost of not believing a second of readings. The other costs are measured against it; a leap is believed after LEAP / REJECT
 seconds, and an excursion shorter than twice that (text laid over the counter) is not."""
 LEAP = 8.0
-SUBSTITUTE, LOOKALIKE, SIGN, POINT, OTHER_FIELD, ODD_LAYOUT = 2.2, 1.6, 1.6, 1.2, 0.2, 0.8  # a second
-VOUCHED_S = 2.0
-"""Seconds that a reading vouches for repairs after it: the longer ago, the more repairs would fit, and more on top of them."""
+LOOKALIKE, SIGN, POINT, OTHER_FIELD, ODD_LAYOUT = 1.6, 1.6, 1.2, 0.2, 0.8  # a second
+VOUCHED_S = 1.25
+"""Seconds that a reading vouches for repairs beside it; the whole run asks for one on both sides. Text laid over a counter can
+look like a misread one too, but not for just a moment."""
+REPAIR_M = 0.5
+"""How far a repair may be from the distance beside it, metres: of a wider choice, one would always fit."""
 WIGGLE = 0.5
 """Share of REJECT that a second at full speed costs: of two ways, the one that goes back and forth less."""
 KEPT = 16
@@ -44,6 +47,11 @@ class FilterSettings:
     def __post_init__(self) -> None:
         if not 0 < self.max_speed < 100:
             raise ValueError(f"The greatest speed of a crawler is a number of metres per second, not {self.max_speed}.")
+
+    def reach(self, seconds: float, quantum: float, most: float = math.inf) -> float:
+        """Metres that two readings ``seconds`` apart may differ. Two quanta more than the way, at most ``most``, between them:
+        the counter shows the last full step, and both ends are rounded."""
+        return min(self.max_speed * seconds, most) + 2 * quantum + 1e-9
 
 
 @dataclass(frozen=True)
@@ -142,9 +150,12 @@ class OsdFilter:
     def smoothed(self) -> list[Filtered]:
         """All readings so far, each decided from those before and after it."""
         believed: dict[int, _Node] = {}
-        node = self._best().node
+        node, next_read_s = self._best().node, math.inf
         while node is not None:
-            believed[node.index] = node
+            if node.status == "read":
+                next_read_s = node.time_s
+            if next_read_s - node.time_s <= VOUCHED_S:
+                believed[node.index] = node
             node = node.previous
         out: list[Filtered] = []
         segment = 0
@@ -192,10 +203,10 @@ class OsdFilter:
         self._ways = [_Way(way.cost - floor, way.node) for way in self._ways]
 
     def _leaps(self, before: _Node, time_s: float, candidate: _Candidate) -> bool:
-        """Whether no crawler gets from ``before`` to ``candidate``. For a repair a second's way is all there is."""
-        seconds = time_s - before.time_s if candidate.read else min(time_s - before.time_s, 1.0)
-        # two quanta: the counter shows the last full step, and both ends are rounded
-        return abs(candidate.metres - before.metres) > self.settings.max_speed * seconds + 2 * (self.quantum or 0.1) + 1e-9
+        """Whether no crawler gets from ``before`` to ``candidate``."""
+        most = math.inf if candidate.read else REPAIR_M
+        reach = self.settings.reach(time_s - before.time_s, self.quantum or 0.1, most)
+        return abs(candidate.metres - before.metres) > reach
 
     def _transition(self, before: _Node | None, time_s: float, candidate: _Candidate) -> float:
         """What it costs to go from ``before`` to ``candidate``; infinite for a repair that nothing vouches for."""
@@ -205,7 +216,7 @@ class OsdFilter:
         if not candidate.read and (leaps or time_s - before.vouched_s > VOUCHED_S):
             return math.inf
         beyond = max(0.0, abs(candidate.metres - before.metres) - (self.quantum or 0.1))
-        return LEAP if leaps else WIGGLE * REJECT * beyond / self.settings.max_speed
+        return LEAP if leaps else WIGGLE * REJECT * min(1.0, beyond / self.settings.max_speed)
 
     def _candidates(self, text: OsdText, time_s: float) -> list[_Candidate]:
         """What ``text`` may stand for, each value once at its lowest price. Misread digits are thought of only where what was
@@ -245,10 +256,7 @@ def _misread(digits: str, layout: Layout) -> list[tuple[str, float]]:
     sign, bare = ("-", digits[1:]) if digits.startswith("-") else ("", digits)
     out = [(("" if sign else "-") + bare, SIGN), (digits, ODD_LAYOUT)]
     for place, digit in enumerate(bare[:-1]):
-        for other in "0123456789":
-            if other != digit:
-                price = LOOKALIKE if other in CONFUSED[digit] else SUBSTITUTE
-                out.append((sign + bare[:place] + other + bare[place + 1 :], price))
+        out += [(sign + bare[:place] + other + bare[place + 1 :], LOOKALIKE) for other in CONFUSED[digit]]
     return out
 
 

@@ -22,6 +22,10 @@ while the counter turned with 0.82 to 0.97."""
 
 FAITH = 0.5
 """Confidence below which a strip is not taken for text."""
+ALONE = 0.8
+"""Confidence that a strip must have where the other look at it, with more or less room, has no distance."""
+LEAP_M = 2.0
+"""Metres between two pictures that ask for a second look."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,26 @@ class OsdText:
     others: tuple[float, ...] = ()
 
 
+@dataclass
+class _Place:
+    """Where a distance stood, the last one, its decimals, and whether the room beside it is ``spoiled`` by the background."""
+
+    box: Box
+    distance: float = 0.0
+    part: int = 0
+    spoiled: bool = False
+
+    def expects(self, seen: OsdText) -> bool:
+        """Whether a first look needs no second one. Without room a sign that appears would be missed, so near zero it does."""
+        if seen.distance is None or seen.layout is None or seen.confidence < SURE or seen.layout.part != self.part:
+            return False
+        return abs(seen.distance - self.distance) < LEAP_M and not (self.spoiled and abs(seen.distance) < LEAP_M)
+
+    def fit(self, seen: OsdText) -> tuple[bool, float]:
+        """How well a reading follows from the last one: the greater the better."""
+        return seen.layout is not None and seen.layout.part == self.part, -abs((seen.distance or 0.0) - self.distance)
+
+
 class OsdReader:
     """Reads picture after picture of one video and remembers where the distance stands.
 
@@ -56,7 +80,7 @@ class OsdReader:
         self._region = region
         self._unit: OsdUnit = unit
         self._look_again = look_again
-        self._places: list[Box] = []
+        self._places: list[_Place] = []
         self._patience = 0
         self._fruitless = 0
         self._read_since = 0
@@ -83,9 +107,9 @@ class OsdReader:
         unreadable = OsdText(None)
         if self._read_since < self._look_again:
             for place in self._places:
-                seen = self._read_strip(image, place)
+                seen = self._read_place(image, place)
                 if seen.distance is not None:
-                    self._remember(place)
+                    self._remember(place, seen)
                     self._read_since += 1
                     return seen
                 if place is self._places[0]:
@@ -106,7 +130,7 @@ class OsdReader:
             found = find_distance(line.text, self._unit)
             if found is None or line.box is None or line.confidence < FAITH or found.likeness * line.confidence <= merit:
                 continue
-            seen = self._read_strip(image, line.box)
+            seen = self._read_strip(_crop(image, line.box), line.box)
             best = seen if seen.distance is not None else self._with(line, found)
             merit = found.likeness * line.confidence
         if best.distance is None or best.box is None:
@@ -114,7 +138,7 @@ class OsdReader:
             self._patience = 2 ** (self._fruitless - 1)
             return best
         self._fruitless = self._patience = 0
-        self._remember(best.box)
+        self._remember(_Place(best.box), best)
         return best
 
     def _find_lines(self, image: NDArray[np.uint8]) -> Iterator[OsdText]:
@@ -129,10 +153,26 @@ class OsdReader:
             text, confidence = self._ocr.strip(part)
             yield OsdText(None, text, confidence, (x, y, part.shape[1], part.shape[0]))
 
-    def _read_strip(self, image: NDArray[np.uint8], place: Box) -> OsdText:
-        """The distance at one place. A doubtful one is read again in the two fields of the interlaced picture, where a digit
-        that turned between them is whole in each."""
-        strip = _crop(image, place)
+    def _read_place(self, image: NDArray[np.uint8], place: _Place) -> OsdText:
+        """The distance at a known place. It is read with room at both sides, for a number grows by a digit or a sign; where the
+        background in that room is taken for digits, without."""
+        crops = (_crop(image, place.box), _crop(image, place.box, room=0.7))
+        first = self._read_strip(crops[0] if place.spoiled else crops[1], place.box)
+        if place.expects(first):
+            return first
+        second = self._read_strip(crops[1] if place.spoiled else crops[0], place.box)
+        tight, wide = (first, second) if place.spoiled else (second, first)
+        if tight.distance is None or wide.distance is None:
+            only = wide if tight.distance is None else tight
+            return only if only.confidence >= ALONE else replace(only, distance=None)
+        if wide.digits == "-" + tight.digits:
+            return wide
+        place.spoiled = place.fit(tight) > place.fit(wide)
+        return tight if place.spoiled else wide
+
+    def _read_strip(self, strip: NDArray[np.uint8], place: Box) -> OsdText:
+        """The distance in a strip. A doubtful one is read again in the two fields of the interlaced picture, where a digit that
+        turned between them is whole in each."""
         if strip.shape[0] < 4 or strip.shape[1] < 4:
             return OsdText(None)
         seen = self._recognise(strip, place)
@@ -155,17 +195,18 @@ class OsdReader:
         confidence = line.confidence * (0.8 if found.mended else 1.0)
         return replace(line, distance=found.metres, layout=found.layout, digits=found.digits, confidence=confidence)
 
-    def _remember(self, place: Box) -> None:
+    def _remember(self, place: _Place, seen: OsdText) -> None:
         """The place of the last reading first, at most four: a counter moves between a few when text is shown over it."""
-        self._places = [place, *(other for other in self._places if not _same(other, place))][:4]
+        place.distance, place.part = seen.distance or 0.0, seen.layout.part if seen.layout else 0
+        self._places = [place, *(other for other in self._places if not _same(other.box, place.box))][:4]
 
 
-def _crop(image: NDArray[np.uint8], place: Box) -> NDArray[np.uint8]:
-    """The strip with room at both sides: a number grows by a digit or a sign. Detectors draw boxes higher than the letters, up
-    to the lines above and below: a little is taken off."""
+def _crop(image: NDArray[np.uint8], place: Box, room: float = 0.0) -> NDArray[np.uint8]:
+    """The strip, with ``room`` heights more to the right, half of it to the left. Detectors draw boxes higher than the letters,
+    up to the lines above and below: a little is taken off."""
     x, y, width, height = place
-    room, spare = math.ceil(0.7 * height), round(0.1 * height)
-    return np.ascontiguousarray(image[y + spare : y + height - spare, max(0, x - room // 2) : x + width + room])
+    right, spare = math.ceil(room * height), round(0.1 * height)
+    return np.ascontiguousarray(image[y + spare : y + height - spare, max(0, x - right // 2) : x + width + right])
 
 
 def _same(one: Box, other: Box) -> bool:
