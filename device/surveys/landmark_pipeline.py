@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from device.detectors import Detector
 from device.landmark_overlay import Mark, Scene
-from device.surveys.landmark_smoothing import FrameNote, Mapped, smooth_drive
+from device.surveys.landmark_smoothing import Mapped, smooth_drive
 from device.surveys.looking import Look, Looking
 from drivers.grabber.base import VideoFrame
 from estimators.landmarks.mapper import Mapper, MapperConfig
@@ -28,6 +28,8 @@ from estimators.odometry import Position
 
 Image = NDArray[np.uint8]
 
+_ANY_FOCAL = (100.0, 100.0)
+"""Where nothing tells f * R the smoother finds it; it only wants to know the pixels' aspect."""
 _USUAL_DIAGONAL = math.hypot(720, 576)
 MIN_THUMBNAIL, MAX_THUMBNAIL = 64, 240
 CALIBRATED_SHARE = 0.02
@@ -103,17 +105,20 @@ class LandmarkPipeline:
         self._looking = Looking(setup.centre, seed)
         self._mapper: Mapper | None = None
         self._camera: PipeCamera | None = None
-        self._waiting: list[Observation] = []
-        """Seen before f * R was known."""
-        self._notes: list[FrameNote] = []
+        self._mapped = 0
+        """How many of ``_seen`` the mapper has had: none before f * R is known."""
+        self._suspected: list[float] = []
+        self._seen: list[Observation] = []
         self._cuts: dict[int, _Cut] = {}
         self._log: list[Any] = []
+        self._size = (720, 576)
         self._low, self._high = math.inf, -math.inf
 
     def step(self, frame: VideoFrame, position: Position | None) -> Step:
         """One picture, taken at ``position``; None where nobody knows."""
         self.frames += 1
         height, width = frame.image.shape[:2]
+        self._size = (width, height)
         gray = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         look = self._looking.look(gray, frame.time_s, position)
         if position is None:
@@ -124,8 +129,10 @@ class LandmarkPipeline:
         view = View(position.chainage, look.centre, (radius * look.axis[0], radius * look.axis[1]))
         detections = self._detector.detect(frame)
         seen = Observation(self.frames, frame.time_s, view, detections, position.std, look.centre_std)
-        self._map(seen, frame.image)
-        self._notes.append(FrameNote(self.frames, frame.time_s, position.chainage, view))
+        self._seen.append(seen)
+        self._map(frame.image)
+        if "slip" in look.codes or "image_stands" in look.codes:
+            self._suspected.append(frame.time_s)
         self._low, self._high = min(self._low, position.chainage), max(self._high, position.chainage)
         self._log.append(_entry(seen))
         return Step(frame.time_s, frame.number, position, view, look, look.codes)
@@ -133,7 +140,7 @@ class LandmarkPipeline:
     @property
     def placed(self) -> int:
         """Pictures that were taken at a known place."""
-        return len(self._notes)
+        return len(self._seen)
 
     def landmarks(self, candidates: bool = False) -> list[Landmark]:
         """The map so far, along the pipe, without its sightings."""
@@ -183,36 +190,33 @@ class LandmarkPipeline:
     def smooth(self, length: float | None = None) -> Mapped | None:
         """The map smoothed over the whole drive, ``length`` (m) from its first picture to its last where it is known. None
         where there is nothing to smooth."""
-        if not self._notes:
-            return None
-        camera = self._camera
+        camera = self._camera or self.setup.camera(*self._size, self._found()) or PipeCamera(*_ANY_FOCAL, 1.0, *self._size)
         landmarks = [] if self._mapper is None else self._mapper.landmarks(with_sightings=True)
+        pixel_std = mapper_config(camera).pixel_std if self.setup.mapper is None else self.setup.mapper.pixel_std
         return smooth_drive(
-            self._notes,
+            self._seen,
             landmarks,
-            [],
-            1.0 if camera is None else camera.radius,
-            1.0 if camera is None else camera.fy / camera.fx,
+            self._looking.sightings(),
+            camera,
+            pixel_std,
             self.setup.known_focal_radius,
             length,
+            self._suspected,
         )
 
     def _found(self) -> float | None:
         return None
 
-    def _map(self, seen: Observation, image: Image) -> None:
+    def _map(self, image: Image) -> None:
         if self._mapper is None:
             if self._camera is None:
-                if seen.detections is not None:
-                    self._waiting.append(seen)
                 return
             self._mapper = Mapper(self._camera, self.setup.mapper or mapper_config(self._camera))
-            for earlier in self._waiting:
-                self._mapper.update(earlier)
-            self._waiting.clear()
-        self._mapper.update(seen)
-        if seen.detections:
-            self._cut(seen.frame, image)
+        for seen in self._seen[self._mapped :]:
+            self._mapper.update(seen)
+        self._mapped = len(self._seen)
+        if self._seen[-1].detections:
+            self._cut(self._seen[-1].frame, image)
 
     def _cut(self, frame: int, image: Image) -> None:
         """Keep what this picture shows better than any before."""

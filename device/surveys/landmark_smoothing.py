@@ -5,57 +5,45 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.landmarks.projection import View
+from estimators.landmarks.projection import PipeCamera
 from estimators.landmarks.smoothing import (
     NO_RINGS,
     Constraints,
-    Frames,
     Known,
     RingSightings,
-    Run,
-    Sightings,
     Smoothed,
-    smooth,
+    moved,
+    run_of,
+    smooth_survey,
 )
-from estimators.landmarks.types import Landmark
+from estimators.landmarks.types import Landmark, Observation
 
 log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-PIXEL_STD = 8.0
-"""Of one sighting (px): a centroid wanders over its landmark. The smoother finds by how much this is wrong."""
 RING_STD = 1.5
 LENGTH_STD = 0.03
 """Of the length from node to node that somebody states (m)."""
-CALIBRATED_STD = 0.005
 TRUSTED = 0.5
 """Probability from which a slip is told."""
 LEAST_SLIP_M = 0.05
-
-
-@dataclass(frozen=True)
-class FrameNote:
-    """What the smoother needs of one frame: ``number`` and time, metres by the tether (nan for none), where it looked."""
-
-    number: int
-    time_s: float
-    encoder: float
-    view: View
+MOST_FRAMES = 6000
+"""Beyond this many the frames without detections are thinned out: they only carry the tether."""
 
 
 @dataclass(frozen=True)
 class SeenJoint:
-    """One sighting of joint ``joint``: radius (px) of its ring along u in frame ``number``."""
+    """One sighting of joint ``joint`` in frame ``frame``: radius (px) of its ring along u."""
 
     joint: int
-    number: int
+    frame: int
     radius_px: float
 
 
@@ -76,118 +64,84 @@ class Mapped:
 
 
 def smooth_drive(
-    frames: Sequence[FrameNote],
+    seen: Sequence[Observation],
     landmarks: Sequence[Landmark],
     joints: Sequence[SeenJoint],
-    radius: float,
-    aspect: float,
+    camera: PipeCamera,
+    pixel_std: float,
     focal_radius: Known | None,
     length: float | None = None,
+    suspected: Sequence[float] = (),
 ) -> Mapped | None:
     """The map of a drive, smoothed; None where there is nothing to smooth or the smoother does not come to an end.
 
-    ``radius`` (m) is what ``View.axis`` counts in; ``length`` the way from the first frame to the last, where it is known.
+    ``length`` is the way (m) from the first frame to the last, where it is known; ``suspected`` are the times (s) at which
+    picture and tether disagreed.
     """
-    index = {note.number: k for k, note in enumerate(frames)}
-    run = Run(_frames(frames, radius), _sightings(landmarks, index), _rings(joints, index), aspect, _labels(landmarks))
-    encoder = run.frames.encoder
-    if np.isfinite(encoder).sum() < 2 or (len(run.sightings.landmark) == 0 and len(run.rings.joint) == 0):
+    seen = _thinned(seen)
+    rings = _rings(joints, {one.frame: k for k, one in enumerate(seen)})
+    run = run_of(seen, landmarks, camera, pixel_std, rings, suspected)
+    if len(seen) < 2 or (len(run.sightings.landmark) == 0 and len(rings.joint) == 0):
         return None
+    way = seen[-1].view.position - seen[0].view.position
     constraints = Constraints(
         focal_radius=focal_radius,
-        length=None if length is None else Known(math.copysign(length, _way(encoder)), LENGTH_STD),
+        length=None if length is None else Known(math.copysign(length, way), LENGTH_STD),
     )
-    smoothed = smooth(run, constraints)
+    try:
+        smoothed, _ = smooth_survey(run, constraints)
+    except (ValueError, ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
+        log.warning("smoothing failed, the map stays as it was: %s", error)
+        return None
     if not smoothed.converged or not np.isfinite(smoothed.positions).all():
         log.warning("smoothing did not converge; the map stays as it was")
         return None
-    return _mapped(smoothed, frames, landmarks)
-
-
-def _frames(frames: Sequence[FrameNote], radius: float) -> Frames:
-    return Frames(
-        np.array([note.time_s for note in frames], dtype=np.float64),
-        np.array([note.encoder for note in frames], dtype=np.float64),
-        np.array([note.view.centre for note in frames], dtype=np.float64).reshape(-1, 2),
-        np.array([note.view.axis for note in frames], dtype=np.float64).reshape(-1, 2) / radius,
+    times = np.array([one.time_s for one in seen])
+    shifts = smoothed.positions - np.array([one.view.position for one in seen])
+    begun = float(times[0])
+    return Mapped(
+        tuple(moved(landmarks, smoothed)), _joints(smoothed), _slips(smoothed, begun), _summary(smoothed), times, shifts
     )
 
 
-def _sightings(landmarks: Sequence[Landmark], index: dict[int, int]) -> Sightings:
-    rows = [
-        (landmark.id, index[seen.frame], seen.u, seen.v)
-        for landmark in landmarks
-        if landmark.chainage_to - landmark.chainage_from < 1e-6  # the middle of what shows of a long thing is no one place
-        for seen in landmark.sightings
-        if seen.frame in index
-    ]
-    ids = np.array([row[0] for row in rows], dtype=np.int64)
-    at = np.array([row[1] for row in rows], dtype=np.int64)
-    pixels = np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, 2)
-    return Sightings(ids, at, pixels, np.full(len(rows), PIXEL_STD))
+def _thinned(seen: Sequence[Observation]) -> list[Observation]:
+    every = math.ceil(len(seen) / MOST_FRAMES)
+    last = len(seen) - 1
+    return [one for k, one in enumerate(seen) if one.detections or k % every == 0 or k == last]
 
 
-def _rings(joints: Sequence[SeenJoint], index: dict[int, int]) -> RingSightings:
-    rows = [(seen.joint, index[seen.number], seen.radius_px) for seen in joints if seen.number in index]
+def _rings(joints: Sequence[SeenJoint], place: dict[int, int]) -> RingSightings:
+    rows = [(one.joint, place[one.frame], one.radius_px) for one in joints if one.frame in place]
     if not rows:
         return NO_RINGS
     ids, at, radii = (np.array(column) for column in zip(*rows, strict=True))
     return RingSightings(ids.astype(np.int64), at.astype(np.int64), radii.astype(np.float64), np.full(len(rows), RING_STD))
 
 
-def _labels(landmarks: Sequence[Landmark]) -> dict[int, str]:
-    return {landmark.id: landmark.label for landmark in landmarks}
+def _joints(smoothed: Smoothed) -> list[dict[str, Any]]:
+    return [
+        {"chainage_m": round(joint.chainage, 3), "sightings": joint.sightings, "sigma_chainage_m": round(joint.std, 4)}
+        for joint in sorted(smoothed.joints, key=lambda joint: joint.chainage)
+    ]
 
 
-def _way(encoder: Array) -> float:
-    known = encoder[np.isfinite(encoder)]
-    return float(known[-1] - known[0])
-
-
-def _mapped(smoothed: Smoothed, frames: Sequence[FrameNote], landmarks: Sequence[Landmark]) -> Mapped:
-    times = np.array([note.time_s for note in frames])
-    shifts = smoothed.positions - np.array([note.view.position for note in frames])
-    better = {found.id: found for found in smoothed.landmarks}
-    moved: list[Landmark] = []
-    for landmark in landmarks:
-        found = better.get(landmark.id)
-        if found is not None:
-            shift, angle = found.chainage - landmark.chainage, found.angle - landmark.angle
-            covariance = found.covariance
-        else:  # a long thing goes where the frames went that saw it
-            seen = [entry.time_s for entry in landmark.sightings]
-            shift = float(np.interp(seen, times, shifts).mean()) if seen else 0.0
-            angle, covariance = 0.0, landmark.covariance
-        moved.append(
-            replace(
-                landmark,
-                chainage=landmark.chainage + shift,
-                chainage_from=landmark.chainage_from + shift,
-                chainage_to=landmark.chainage_to + shift,
-                angle=landmark.angle + angle,
-                angle_from=landmark.angle_from + angle,
-                angle_to=landmark.angle_to + angle,
-                covariance=covariance,
-            )
-        )
-    slips = [
+def _slips(smoothed: Smoothed, begun: float) -> list[dict[str, Any]]:
+    return [
         {
-            "time_s": round(slip.start_s, 2),
+            "time_s": round(slip.start_s - begun, 2),
             "chainage_m": round(slip.chainage, 2),
             "what": "slip_found",
-            "text": f"The crawler went {slip.metres:+.2f} m (to {slip.std:.2f} m) that the tether did not count.",
+            "text": f"The crawler went {slip.metres:+.2f} m, give or take {slip.std:.2f} m, that the tether did not count.",
         }
         for slip in smoothed.slips
         if slip.probability >= TRUSTED and abs(slip.metres) >= LEAST_SLIP_M
     ]
-    summary = {
+
+
+def _summary(smoothed: Smoothed) -> dict[str, Any]:
+    return {
         "from_m": round(float(smoothed.positions.min()), 3),
         "to_m": round(float(smoothed.positions.max()), 3),
         "scale": {"value": round(smoothed.scale.value, 5), "sigma": round(smoothed.scale.std, 5)},
         "focal_radius": {"value": round(smoothed.focal_radius.value, 2), "sigma": round(smoothed.focal_radius.std, 3)},
     }
-    joints = [
-        {"chainage_m": round(joint.chainage, 3), "sightings": joint.sightings, "sigma_chainage_m": round(joint.std, 4)}
-        for joint in smoothed.joints
-    ]
-    return Mapped(tuple(moved), joints, slips, summary, times, shifts)

@@ -478,10 +478,9 @@ class LandmarkSurvey:
         filtered = {number: row["chainage_m"] for number, row in drive.kept.items()}
         landmarks = [KeptLandmark(number, {**row, "filtered_chainage_m": filtered.get(number)}) for number, row in rows.items()]
         summary = {**self._summary(drive, drive.kept), **smoothed.summary, "smoothed": True, "landmarks": len(rows)}
-        faults = [{"time_s": slip.pop("time_s"), **slip} for slip in (dict(slip) for slip in smoothed.slips)]
-        self._store.drives.keep(
-            drive.survey_id, Kept(landmarks=landmarks, rings=smoothed.joints, faults=faults, summary=summary), "saved"
-        )
+        gone = [number for number in drive.kept if number not in rows and number not in drive.words]
+        rings = smoothed.joints or None
+        self._store.drives.keep(drive.survey_id, Kept(landmarks, gone, rings, smoothed.slips, (), summary), "saved")
 
     def _save_what_is_there(self, drive: _Drive) -> None:
         try:

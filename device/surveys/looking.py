@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from device.surveys.landmark_smoothing import SeenJoint
 from estimators.odometry import Position
 
 Gray = NDArray[np.uint8]
@@ -40,4 +41,8 @@ class Looking:
 
     def joints(self) -> list[dict[str, Any]]:
         """The pipe joints found so far: {"chainage_m", "sightings"}."""
+        return []
+
+    def sightings(self) -> list[SeenJoint]:
+        """Which joint was seen when, and how large."""
         return []
