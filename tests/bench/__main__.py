@@ -15,6 +15,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("cost", (), ()),
     ("peers", (), ("--frames", "5")),
     ("osd", (), ("--searches", "3")),
+    ("foe", (), ("--seeds", "2")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 

@@ -1,0 +1,94 @@
+"""Optical flow of the wall: sparse pyramidal Lucas-Kanade on a grid, checked forwards and backwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Gray = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class FlowConfig:
+    """``spacing`` of the grid (px of the picture that is tracked), ``window`` and ``levels`` of the pyramid, ``agreement`` (px)
+    between a point and where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px)
+    the mean motion that a step waits for, up to ``patience`` pictures."""
+
+    spacing: int = 20
+    window: int = 15
+    levels: int = 2
+    agreement: float = 0.5
+    texture: float = 2e-4
+    least: float = 1.0
+    patience: int = 4
+
+
+@dataclass(frozen=True)
+class Flow:
+    """``points`` (n, 2) half way between both pictures and ``motion`` (n, 2), in px of the picture. ``tried`` points were
+    followed, so that 1 - n / tried were lost. ``span`` is how many pictures apart both are."""
+
+    points: Array
+    motion: Array
+    tried: int
+    span: int = 1
+
+    @property
+    def length(self) -> float:
+        """Median motion (px), 0 where nothing was followed."""
+        return float(np.median(np.hypot(self.motion[:, 0], self.motion[:, 1]))) if len(self.motion) else 0.0
+
+
+NO_FLOW = Flow(np.empty((0, 2)), np.empty((0, 2)), 0)
+
+
+def flow(previous: Gray, current: Gray, config: FlowConfig | None = None) -> Flow:
+    """Motion of a grid of points from ``previous`` to ``current`` (H, W) uint8, those that come back to where they began."""
+    config = config or FlowConfig()
+    start = _grid(previous.shape, config.spacing)
+    window = (config.window, config.window)
+    found, ok, _ = cv2.calcOpticalFlowPyrLK(
+        previous, current, start, np.empty_like(start), winSize=window, maxLevel=config.levels, minEigThreshold=config.texture
+    )
+    kept = ok.ravel() == 1
+    if not kept.any():
+        return Flow(NO_FLOW.points, NO_FLOW.motion, len(start))
+    start, found = start[kept], found[kept]
+    back, ok, _ = cv2.calcOpticalFlowPyrLK(
+        current, previous, found, start.copy(), winSize=window, maxLevel=config.levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    same = (ok.ravel() == 1) & (np.hypot(*(back - start).reshape(-1, 2).T) < config.agreement)
+    first, second = (points[same].reshape(-1, 2).astype(np.float64) for points in (start, found))
+    return Flow(0.5 * (first + second), second - first, len(kept))
+
+
+def _grid(shape: tuple[int, ...], spacing: int) -> NDArray[np.float32]:
+    rows = np.arange(spacing, shape[0] - spacing / 2, spacing)
+    columns = np.arange(spacing, shape[1] - spacing / 2, spacing)
+    return np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 1, 2).astype(np.float32)
+
+
+class Tracker:
+    """Flow from picture to picture at half the size; while the motion is too small to tell a direction it waits."""
+
+    def __init__(self, config: FlowConfig | None = None) -> None:
+        self._config = config or FlowConfig()
+        self._reference: Gray | None = None
+        self._since = 0
+
+    def step(self, gray: Gray) -> Flow | None:
+        """The flow to ``gray`` (H, W) uint8, in px of ``gray``; None while there is nothing to compare with, or nothing new."""
+        small = np.asarray(cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+        if self._reference is None or self._reference.shape != small.shape:
+            self._reference, self._since = small, 0
+            return None
+        self._since += 1
+        found = flow(self._reference, small, self._config)
+        if found.length < 0.5 * self._config.least and self._since < self._config.patience and len(found.points):
+            return None
+        span, self._since, self._reference = self._since, 0, small
+        return Flow(2 * found.points + 0.5, 2 * found.motion, found.tried, span)

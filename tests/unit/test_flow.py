@@ -1,0 +1,62 @@
+"""Pictures that are moved by a known amount: what the flow must say is known to the pixel."""
+
+import cv2
+import numpy as np
+import pytest
+
+from estimators.flow import FlowConfig, Tracker, flow
+
+
+def picture(seed: int = 0, shape: tuple[int, int] = (288, 360)) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 3)
+    return np.clip(128 + 40 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+
+
+def moved(image: np.ndarray, matrix: list[list[float]]) -> np.ndarray:
+    size = (image.shape[1], image.shape[0])
+    return np.asarray(cv2.warpAffine(image, np.array(matrix, np.float32), size, borderMode=cv2.BORDER_REFLECT), np.uint8)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (1.5, -0.75), (9.0, 4.0)])
+def test_a_shifted_picture(shift: tuple[float, float]) -> None:
+    image = picture()
+    found = flow(image, moved(image, [[1, 0, shift[0]], [0, 1, shift[1]]]))
+    inner = (np.abs(found.points - [180, 144]) < [150, 110]).all(axis=1)
+    assert np.median(found.motion[inner], axis=0) == pytest.approx(shift, abs=0.05)
+    assert inner.sum() > 100
+
+
+def test_an_expanding_picture_moves_away_from_its_centre() -> None:
+    image = picture()
+    zoom = 1.02
+    found = flow(image, moved(image, [[zoom, 0, 180 * (1 - zoom)], [0, zoom, 144 * (1 - zoom)]]))
+    expected = (found.points - [180, 144]) * (zoom - 1) / (1 + (zoom - 1) / 2)  # at points half way
+    assert np.median(np.hypot(*(found.motion - expected).T)) < 0.06
+
+
+def test_a_picture_without_texture_or_without_a_likeness_gives_little() -> None:
+    flat = np.full((288, 360), 90, np.uint8)
+    assert len(flow(flat, flat).points) == 0
+    strangers = flow(picture(0), picture(1))
+    assert len(strangers.points) < 0.5 * strangers.tried
+
+
+def test_the_tracker_waits_for_motion_and_speaks_in_pixels_of_the_whole_picture() -> None:
+    image = picture(shape=(576, 720))
+    tracker = Tracker(FlowConfig(patience=4))
+    assert tracker.step(image) is None
+    assert tracker.step(moved(image, [[1, 0, 0.3], [0, 1, 0]])) is None  # too little to tell a direction
+    found = tracker.step(moved(image, [[1, 0, 4.0], [0, 1, -2.0]]))
+    assert found is not None
+    assert found.span == 2
+    assert np.median(found.motion, axis=0) == pytest.approx([4.0, -2.0], abs=0.1)
+    assert found.points[:, 0].max() > 600
+
+
+def test_the_tracker_does_not_wait_for_ever_and_takes_another_size() -> None:
+    image = picture(shape=(576, 720))
+    tracker = Tracker(FlowConfig(patience=3))
+    steps = [tracker.step(image) for _ in range(4)]
+    assert [step is None for step in steps] == [True, True, True, False]
+    assert tracker.step(picture(shape=(480, 640))) is None
