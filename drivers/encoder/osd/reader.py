@@ -111,6 +111,7 @@ class OsdReader:
                 if seen.distance is not None:
                     self._remember(place, seen)
                     self._read_since += 1
+                    self._fruitless = self._patience = 0
                     return seen
                 if place is self._places[0]:
                     unreadable = seen
