@@ -9,10 +9,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base import EndOfRecording, RecordingBroken, SensorLost
 from drivers.grabber.base import FrameGrabber, VideoFrame
 
+MOST_LOST = 50
+"""A picture that cannot be decoded is a failed read, and so is the end: beyond so many in a row it is the end."""
 USUAL_RATE = 25.0
 """For a video that states no frame rate and has no time stamps."""
 CUT_OFF = 0.9
@@ -28,7 +31,7 @@ def next_media_s(stamp_ms: float, last_s: float | None, frame_rate: float) -> fl
 
 
 class VideoFile(FrameGrabber):
-    """A video file, read as fast as it is asked for. Pictures count from 1."""
+    """A video file, read as fast as it is asked for. Pictures count from 1, those that cannot be decoded too."""
 
     def __init__(self, file: Path | str) -> None:
         self._file = Path(file)
@@ -59,18 +62,26 @@ class VideoFile(FrameGrabber):
         with self._lock:
             if self._capture is None:
                 raise SensorLost(f"The {self.name} is not open.")
-            try:
-                found, image = self._capture.read()
-            except cv2.error:
-                found, image = False, None
-            if not found or image is None:
+            image = None
+            failed = 0
+            while image is None and failed < MOST_LOST:
+                image = self._decoded(self._capture)
+                failed += image is None
+            if image is None:
                 raise self._end()
-            self._number += 1
+            self._number += 1 + failed
             stamp_ms = self._capture.get(cv2.CAP_PROP_POS_MSEC)
             self._media_s = next_media_s(stamp_ms, self._media_s, self.frame_rate or USUAL_RATE)
-            return VideoFrame(
-                np.array(image, dtype=np.uint8), time.monotonic_ns(), self._number, self._media_s, source=self._file.name
-            )
+            return VideoFrame(image, time.monotonic_ns(), self._number, self._media_s, source=self._file.name)
+
+    @staticmethod
+    def _decoded(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
+        try:
+            found, image = capture.read()
+        except cv2.error:
+            return None
+        # cv2 may use its buffer again for the next picture
+        return np.array(image, dtype=np.uint8) if found and image is not None else None
 
     def _end(self) -> EndOfRecording | RecordingBroken:
         stated = self.frame_count
