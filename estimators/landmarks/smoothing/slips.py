@@ -25,6 +25,8 @@ SMALLEST = 5e-4
 SUSPECTED = 0.5
 LIKELY = 0.5
 CLIMBS = 40
+LONG = 300.0
+"""Time after which the chain has seen enough: an interval that may have slipped or not is asked about once in a unit."""
 STEPS, FEWEST, WORK = 2000, 300, 3e8
 """Steps of the chain, fewer where there are many intervals: their number times the intervals' square is no more than WORK."""
 
@@ -54,9 +56,9 @@ def slip_prior(run: Run, knots: Knots, noise: Noise) -> SlipPrior:
     ends = run.frames.time_s[knots.frame]
     way, time = np.diff(knots.way[knots.frame]), np.maximum(np.diff(ends), 0.0)
     chance = 1 - np.exp(-noise.slip_rate * (way + STANDING_SPEED * time))
-    for moment in run.suspected:
-        hit = (ends[:-1] <= moment) & (moment <= ends[1:])
-        chance = np.where(hit, np.maximum(chance, SUSPECTED), chance)
+    for moment in run.suspected if len(chance) else ():
+        k = int(np.clip(np.searchsorted(ends, moment, side="right") - 1, 0, len(chance) - 1))
+        chance[k] = max(chance[k], SUSPECTED)
     chance = np.where(knots.gap, np.maximum(chance, SUSPECTED), chance)
     spike = noise.drift**2 * way + SMALLEST**2
     return SlipPrior(spike, spike + noise.slip_std**2, np.clip(chance, 1e-9, 0.99))
@@ -87,15 +89,16 @@ def weigh_all(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array, 
     state = _State(prior, slipped, mean, covariance)
     steps = int(np.clip(WORK / max(len(mean), 1) ** 2, FEWEST, STEPS))
     total, first, second, chance = 0.0, np.zeros_like(mean), np.zeros_like(covariance), np.zeros_like(mean)
-    for step in range(steps):
+    for _ in range(steps):
         yes = 1 / (1 + np.exp(-state.odds()))
         rate = np.where(state.slipped, 1 - yes, yes)
-        if step >= steps // 10:
-            time = 1 / rate.sum()
-            total += time
-            first += time * state.mean
-            second += time * (state.covariance + np.outer(state.mean, state.mean))
-            chance += time * yes
+        time = 1 / rate.sum()
+        total += time
+        first += time * state.mean
+        second += time * (state.covariance + np.outer(state.mean, state.mean))
+        chance += time * yes
+        if total > LONG:
+            break
         chosen = np.searchsorted(np.cumsum(rate), rng.uniform() * rate.sum())
         state.flip(int(min(chosen, len(rate) - 1)))
     mean = first / total

@@ -55,7 +55,7 @@ def _iterate(system: System, noise: Noise, rng: np.random.Generator) -> Smoothed
         before, slipped_before = state, slipped
         precision = 1 / prior.variance(slipped)
         state, information = _step(system, fixed, precision, state, scatter.tempered(temper), noise)
-        if iteration >= PATIENCE:
+        if iteration >= PATIENCE and len(slipped):
             slipped, chance = slips.climb(prior, slipped, *_increments(system, information, state))
             if iteration >= len(TEMPER):
                 prior = slips.learned(believed, chance, noise)
@@ -71,7 +71,8 @@ def _iterate(system: System, noise: Noise, rng: np.random.Generator) -> Smoothed
             break
     information, _ = _normal(system, fixed, 1 / prior.variance(slipped), state, scatter, noise)
     factor = _factorise(information)
-    slack = slips.weigh_all(prior, slipped, *_increments(system, factor, state), rng)
+    increments = _increments(system, factor, state)
+    slack = slips.weigh_all(prior, slipped, *increments, rng) if len(slipped) else slips.Slack(*increments, prior.chance)
     return _result(system, prior, slack, factor, state, scatter, noise, iteration, converged)
 
 
