@@ -29,6 +29,8 @@ log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 RING_STD = 1.5
+TETHER = Known(1.0, 0.01)
+"""Metres travelled per metre counted, where nothing better than the tether itself is known."""
 LENGTH_STD = 0.03
 """Of the length from node to node that somebody states (m)."""
 TRUSTED = 0.5
@@ -86,6 +88,7 @@ def smooth_drive(
     way = seen[-1].view.position - seen[0].view.position
     constraints = Constraints(
         focal_radius=focal_radius,
+        scale=TETHER if length is None else None,
         length=None if length is None else Known(math.copysign(length, way), LENGTH_STD),
     )
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.surveys.landmark_smoothing import SeenJoint
+from estimators.flow import Tracker
+from estimators.foe import Follower, estimate
 from estimators.odometry import Position
 
 Gray = NDArray[np.uint8]
+
+SLOW = 0.02
+"""Below this speed (m/s) motion is too small to tell where the camera goes."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +38,24 @@ class Looking:
     def __init__(self, centre: tuple[float, float] | None, seed: int) -> None:
         self._centre = centre
         self._rng = np.random.default_rng(seed)
+        self._tracker = Tracker()
+        self._follower: Follower | None = None
+        self._pictures = 0
 
     def look(self, gray: Gray, time_s: float, position: Position | None) -> Look:
         """One picture."""
-        height, width = gray.shape
-        centre = self._centre or ((width - 1) / 2, (height - 1) / 2)
-        return Look(centre, 0.01 * width)
+        if self._follower is None:
+            height, width = gray.shape
+            self._follower = Follower(self._centre or ((width - 1) / 2, (height - 1) / 2))
+        self._pictures += 1
+        found = self._tracker.step(gray)
+        moving = position is None or abs(position.speed) > SLOW
+        centre, covariance = self._follower.centre, self._follower.covariance
+        if found is not None:
+            foe = estimate(found, self._rng, around=np.asarray(centre)) if moving else None
+            centre, covariance = self._follower.update(foe, moving, self._pictures)
+            self._pictures = 0
+        return Look(centre, math.sqrt(float(np.trace(covariance)) / 2))
 
     def joints(self) -> list[dict[str, Any]]:
         """The pipe joints found so far: {"chainage_m", "sightings"}."""
