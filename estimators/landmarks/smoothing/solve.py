@@ -25,8 +25,8 @@ from estimators.landmarks.smoothing.types import (
 ITERATIONS = 60
 TEMPER = (4.0, 4.0, 3.0, 3.0, 2.0, 2.0)
 """Factors on the scatter of sightings in the first iterations: until slips are found they look like wrong sightings."""
-PATIENCE = 3
-"""Iterations before slips are looked for."""
+PATIENCE, RESOLVED = 3, 30
+"""Slips are looked for from one iteration to the other: two sets of slips as good as each other may take turns for ever."""
 CLOSE = 1e-3
 """Change of any position (m) below which the iterations end."""
 
@@ -55,7 +55,7 @@ def _iterate(system: System, noise: Noise, rng: np.random.Generator) -> Smoothed
         before, slipped_before = state, slipped
         precision = 1 / prior.variance(slipped)
         state, information = _step(system, fixed, precision, state, scatter.tempered(temper), noise)
-        if iteration >= PATIENCE and len(slipped):
+        if PATIENCE <= iteration < RESOLVED and len(slipped):
             slipped, chance = slips.climb(prior, slipped, *_increments(system, information, state))
             if iteration >= len(TEMPER):
                 prior = slips.learned(believed, chance, noise)
