@@ -16,6 +16,8 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("peers", (), ("--frames", "5")),
     ("osd", (), ("--searches", "3")),
     ("foe", (), ("--seeds", "2")),
+    ("landmark_smoothing", (), ("--runs", "8")),
+    ("landmark_smoothing_peers", (), ()),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 
