@@ -38,6 +38,14 @@ STANDING_SPEED = 0.005
 HORIZON_S = 2.0
 """A reading older than this (s) is not extrapolated any further."""
 KEPT_RUNS = 256
+_PACE_STD = 0.2
+"""A speed measured over the last step holds for the next one to this share,"""
+_STEADY_RATIO = 1.7
+"""where the one before was the same to this ratio."""
+_START_STD = 0.1
+"""What a crawler whose speed is not known may drive (m/s, standard deviation)."""
+_FINE_STD = 0.001
+"""What a counter whose step is not stated leaves open (m)."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,7 @@ def destep(times: Array, values: Array, quantum: float | None = None, rounding: 
 class Odometer:
     """The same, while the readings come in.
 
-    ``quantum`` is the counter's step (m), 0 where it is fine enough to be taken as it is. With ``bridge`` a jump of the counter
+    ``quantum`` is the counter's step (m), 0 where it is not known but fine: then 1 mm is taken for what it leaves open. With ``bridge`` a jump of the counter
     is taken out, so that the chainage goes on where it was; without, the chainage jumps with the counter. Either way it is
     noted in ``jumps``.
     """
@@ -230,14 +238,9 @@ class Odometer:
         return pace, found[0] * found[1] > 0 and max(now, before) < _STEADY_RATIO * min(now, before)
 
     def _position(self, chainage: float, std: float, speed: float, standing: bool) -> Position:
-        return Position(chainage + self._offset, math.sqrt(std**2 + self._drift2), speed, standing)
+        unknown = 0.0 if self._quantum > 0 else _FINE_STD
+        return Position(chainage + self._offset, math.sqrt(std**2 + self._drift2 + unknown**2), speed, standing)
 
-
-_PACE_STD = 0.2
-"""A speed measured over the last step holds for the next one to this share."""
-_STEADY_RATIO = 1.7
-_START_STD = 0.1
-"""What a crawler whose speed is not known may drive (m/s, standard deviation)."""
 
 # Beyond the last step: how far the speed says that the range has been passed, against where in it the crawler is most likely,
 # and how well that is known. A step that is overdue means a slower crawler first and one that stands at last, anywhere.

@@ -110,6 +110,8 @@ class V4l2Grabber(LiveGrabber):
             self._close_status()
             if error.errno == errno.EACCES:
                 raise SensorMissing(f"The {self.name} may not be opened: this user is not in the group video.") from error
+            if error.errno in (errno.ENODEV, errno.ENXIO, errno.ENOENT):
+                raise SensorMissing(self.missing()) from error
             raise SensorLost(f"The {self.name} does not start: {os.strerror(error.errno or 0)}.") from error
         settings = [cv2.CAP_PROP_FRAME_WIDTH, self._size[0], cv2.CAP_PROP_FRAME_HEIGHT, self._size[1]]
         capture = cv2.VideoCapture(self._device, cv2.CAP_V4L2, settings)

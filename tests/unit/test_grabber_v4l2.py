@@ -127,11 +127,10 @@ class TestV4l2(LiveGrabberContract):
         yield made
         made.close()
 
-    @pytest.mark.parametrize("status", [0x1, 0x2, 0x2 | 0x100, 0x10000])
-    def test_a_lost_signal_is_no_picture_though_pictures_come(self, rig: V4l2Rig, status: int) -> None:
+    def test_a_lost_signal_is_no_picture_though_pictures_come(self, rig: V4l2Rig) -> None:
         rig.grabber.open()
         rig.grabber.read(READ_S)
-        rig.inside.status = status
+        rig.inside.status = 0x2 | 0x100
         with pytest.raises(NoSignal, match="cable"):
             _drain(rig.grabber, 0.7)
         rig.inside.status = 0
@@ -144,7 +143,7 @@ class TestV4l2(LiveGrabberContract):
         monkeypatch.setattr(v4l2.fcntl, "ioctl", unknown)
         rig.grabber.open()
         started = time.monotonic()
-        while time.monotonic() - started < 1.0:
+        while time.monotonic() - started < 0.7:
             rig.grabber.read(READ_S)
 
     def test_pictures_lost_on_the_bus_show_as_a_gap(self, rig: V4l2Rig) -> None:
@@ -220,6 +219,17 @@ def test_a_refused_setting_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(v4l2.fcntl, "ioctl", refuse)
     with pytest.raises(SensorLost, match="Invalid argument"):
+        rig.grabber.open()
+
+
+def test_a_device_that_vanishes_while_it_is_opened_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = V4l2Rig(tmp_path, monkeypatch)
+
+    def vanished(*_: Any, **__: Any) -> int:
+        raise OSError(errno.ENODEV, "No such device")
+
+    monkeypatch.setattr(v4l2.os, "open", vanished)
+    with pytest.raises(SensorMissing, match="plug it in"):
         rig.grabber.open()
 
 

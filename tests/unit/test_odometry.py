@@ -175,10 +175,12 @@ class TestStepOf:
 
 
 class TestOdometer:
-    def run(self, drive: Drive, hz: float, quantum: float, delay: float = 0.0) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def run(
+        self, drive: Drive, hz: float, quantum: float, delay: float = 0.0, stated: float | None = None
+    ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Errors, errors in standard deviations, and whether it knew that the crawler stood, at 25 frames a second."""
         times, shown = drive.readings(hz, quantum)
-        odometer = Odometer(quantum)
+        odometer = Odometer(quantum if stated is None else stated)
         errors, sigmas, right = [], [], []
         fed = 0
         for moment in np.arange(4.0, drive.times[-1] - 1.0, 0.04):
@@ -206,8 +208,9 @@ class TestOdometer:
         late = np.concatenate([self.run(Drive(seed), 10.0, 0.1, delay=2.0)[0] for seed in range(4)])
         assert np.sqrt(np.mean(late**2)) < 0.85 * np.sqrt(np.mean(live**2))
 
-    def test_a_fine_counter(self) -> None:
-        runs = [self.run(Drive(seed, 60.0), 50.0, 0.0005) for seed in range(2)]
+    @pytest.mark.parametrize("stated", [0.0005, 0.0])
+    def test_a_fine_counter(self, stated: float) -> None:
+        runs = [self.run(Drive(seed, 60.0), 50.0, 0.0005, stated=stated) for seed in range(2)]
         error, sigma, right = (np.concatenate(found) for found in zip(*runs, strict=True))
         assert np.sqrt(np.mean(error**2)) < 0.002
         assert np.sqrt(np.mean(sigma**2)) < 1.3
