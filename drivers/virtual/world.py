@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.virtual.landmarks import LandmarkTruth, Thing, truths
 from drivers.virtual.profile import PipeProfile
 
 NOTHING, WALL, END, WATER, DEPOSIT, CHAMBER, JOINT = range(7)
@@ -37,13 +38,25 @@ class Joint:
 
 @dataclass(frozen=True)
 class VirtualSewer:
-    """``length`` (m) is where a wall or bend closes the view; ``water`` its depth above the invert (m)."""
+    """``length`` (m) is where a wall or bend closes the view; ``water`` its depth above the invert (m); ``things`` are its
+    landmarks."""
 
     profile: PipeProfile
     length: float = 6.0
     water: float = 0.0
     deposit: Deposit | None = None
     joints: tuple[Joint, ...] = ()
+    things: tuple[Thing, ...] = ()
+
+    @property
+    def radius(self) -> float:
+        """Mean interior radius (m)."""
+        return self.profile.mean_diameter / 2
+
+    @property
+    def landmarks(self) -> tuple[LandmarkTruth, ...]:
+        """What is in it and where, in the order of chainage."""
+        return truths(self.things, self.radius)
 
     def cast(self, position: NDArray[np.float64], rotation: NDArray[np.float64], rays: Array) -> Hits:
         """Where rays (..., 2) of (X/Z, Y/Z) of a camera at ``position`` (3,) with ``rotation`` (3, 3), camera to pipe, end."""
