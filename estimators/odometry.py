@@ -124,9 +124,9 @@ def destep(times: Array, values: Array, quantum: float | None = None, rounding: 
 class Odometer:
     """The same, while the readings come in.
 
-    ``quantum`` is the counter's step (m), 0 where it is not known but fine: then 1 mm is taken for what it leaves open. With ``bridge`` a jump of the counter
-    is taken out, so that the chainage goes on where it was; without, the chainage jumps with the counter. Either way it is
-    noted in ``jumps``.
+    ``quantum`` is the counter's step (m), 0 where it is not known but fine: then 1 mm is taken for what it leaves open. With
+    ``bridge`` a jump of the counter is taken out, so that the chainage goes on where it was; without, the chainage jumps with
+    the counter. Either way it is noted in ``jumps``.
     """
 
     def __init__(self, quantum: float, rounding: Rounding = "nearest", bridge: bool = True) -> None:
