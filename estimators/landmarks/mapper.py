@@ -168,7 +168,9 @@ class Mapper:
         # The middle of what shows of a long thing may well stay where it is in the picture: no evidence either way.
         on_wall = np.where(self._long(rows), np.maximum(on_wall, going_on), on_wall)
         ratio = np.log(config.errors.stay_seen) + on_wall + told - np.logaddexp(clutter, rival)
-        tracks.score[rows] += weight * np.maximum(ratio, -8.0)
+        # What lies off the mark may be a false detection where the landmark itself was missed.
+        missed = belief.miss_evidence(config.errors, tracks.run[rows])
+        tracks.score[rows] += weight * np.maximum(ratio, missed)
         tracks.set_bursts(rows, bursts)
         tracks.belief[rows] = belief.after_label(tracks.belief[rows], label, weight)
 
@@ -187,7 +189,7 @@ class Mapper:
         grow(camera, view, tracks, at[stretch], pixels[fresh][stretch], pixel_std)
 
         tracks.hits[at] += 1
-        tracks.run[rows] = 0
+        tracks.run[rows] = np.where(ratio < missed, tracks.run[rows] + 1, 0)
         tracks.counted_at[at] = view.position
         tracks.hit_at[rows] = view.position
         tracks.last_frame[rows] = seen.frame

@@ -35,9 +35,17 @@ LONG_FROM = 0.12
 """Shorter than this (m) a thing is a point."""
 SURE = 0.8
 """Up to this share of how far the detector sees, not to see a landmark is held against it."""
+BEYOND = 1.25
+"""Farther off than this many times as far as the detector sees nothing is a sighting. (At first that is not known well.)"""
 JOIN = 0.35
 """Two long things of one class at one clock with a smaller gap (m) are one."""
+JOIN_FAR = 1.5
+"""With a gap up to this (m) they are one if never seen together."""
 JOIN_ANGLE = np.radians(20.0)
+TOGETHER = 0.4
+LEAST_TOGETHER = 6.0
+SPLIT_GAP = 0.5
+SPLIT_LEAST = 5
 
 
 @dataclass(frozen=True)
@@ -109,13 +117,17 @@ def refine(
     matrix = belief.confusion(len(names), config.right_label)
     spots = [_first(landmark, names) for landmark in found]
     far, pixel_std = _starts(found, 10 * camera.radius), config.pixel_std
-    for _ in range(ROUNDS):
-        spots = _own(camera, frames, detections, spots, matrix, names, config, pixel_std)
+    for turn in range(ROUNDS):
+        at_most = far if turn else 3 * far
+        spots = _own(camera, frames, detections, spots, matrix, names, config, pixel_std, at_most)
         far = _reach(frames, detections, spots, far)
         spots = [_fit(camera, frames, detections, spot, names, config, pixel_std, far) for spot in spots if len(spot.rows) >= 3]
-        spots = _join(spots, names, config)
+        spots = _join(camera, frames, detections, spots, [names[s.label] in config.long_classes for s in spots], far)
+        spots = [part for spot in spots for part in _split(camera, frames, detections, spot, pixel_std, far)]
         pixel_std = _noise(frames, detections, spots, pixel_std)
-    spots = [spot for spot in _own(camera, frames, detections, spots, matrix, names, config, pixel_std) if len(spot.rows) >= 3]
+    spots = [
+        spot for spot in _own(camera, frames, detections, spots, matrix, names, config, pixel_std, far) if len(spot.rows) >= 3
+    ]
     shown = [_shows(camera, frames, spot, far, pixel_std) for spot in spots]
     errors = _errors(frames, detections, shown, spots, config.errors)
     density = _density(camera, frames, detections, spots, len(names))
@@ -234,6 +246,7 @@ def _own(
     names: Sequence[str],
     config: MapperConfig,
     pixel_std: float,
+    far: float,
 ) -> list[Spot]:
     """Each landmark with its own detections: one a frame by global nearest neighbour; a long one has what else lies on it."""
     if not spots:
@@ -244,6 +257,7 @@ def _own(
     for k, spot in enumerate(spots):
         near = everything[
             (frames.position[detections.frame] < spot.high - NEAREST)
+            & (frames.position[detections.frame] > spot.low - BEYOND * far)
             & (np.abs(wrap(detections.angle - spot.angle)) < np.pi / 2)
         ]
         distance2 = _distance2(camera, frames, detections, near, spot, pixel_std)
@@ -370,32 +384,74 @@ def nearest_depth(camera: PipeCamera, centre: Array, angle: float) -> float:
     return float(max(abs(x) / max(room_x, 1.0), abs(y) / max(room_y, 1.0), NEAREST))
 
 
-def _join(spots: list[Spot], names: Sequence[str], config: MapperConfig) -> list[Spot]:
-    """Doubles become one: two of the same class that lie within their errors and were never seen in the same frame, or long
-    ones at the same clock without a gap between them."""
-    spots = sorted(spots, key=lambda spot: -len(spot.rows))
+def _join(
+    camera: PipeCamera, frames: Frames, detections: Detections, spots: list[Spot], long: Sequence[bool], far: float
+) -> list[Spot]:
+    """Doubles become one: points of the same class that lie within their errors, and pieces of a long thing.
+
+    ``long`` says whether each spot's class may be long. Two pieces at one clock are one thing when they touch, or when no
+    frame ever shows both, though both should have shown at once for long enough: a detector that makes one detection of a
+    deposit makes it here or there.
+    """
+    order = sorted(range(len(spots)), key=lambda k: -len(spots[k].rows))
     kept: list[Spot] = []
-    for spot in spots:
+    for spot, reaches in ((spots[k], long[k]) for k in order):
         for k, other in enumerate(kept):
             if spot.label != other.label:
                 continue
-            turn = float(wrap(np.array([spot.angle - other.angle]))[0])
+            turn = abs(float(wrap(np.array([spot.angle - other.angle]))[0]))
             gap = max(spot.low - other.high, other.low - spot.high, 0.0)
-            long = names[spot.label] in config.long_classes
-            both = long and max(spot.high - spot.low, other.high - other.low) > LONG_FROM
-            sigma = np.sqrt(np.diag(spot.covariance + other.covariance))
-            touch = JOIN if both else 0.08 + 2 * float(sigma[0])
-            turned = JOIN_ANGLE if both else np.radians(8.0) + 2 * float(sigma[1])
-            if gap < touch and abs(turn) < turned:
-                rows = np.union1d(spot.rows, other.rows)
-                joined = replace(other, rows=rows)
-                if both:
+            pieces = reaches and max(spot.high - spot.low, other.high - other.low) > LONG_FROM
+            if pieces and gap < JOIN_FAR and turn < JOIN_ANGLE:
+                same = gap < JOIN or _together(camera, frames, detections, spot, other, far) < TOGETHER
+            else:
+                sigma = np.sqrt(np.diag(spot.covariance + other.covariance))
+                same = gap < 0.08 + 2 * float(sigma[0]) and turn < np.radians(8.0) + 2 * float(sigma[1])
+            if same:
+                joined = replace(other, rows=np.union1d(spot.rows, other.rows))
+                if pieces:
                     joined = replace(joined, low=min(spot.low, other.low), high=max(spot.high, other.high))
                 kept[k] = joined
                 break
         else:
             kept.append(spot)
     return kept
+
+
+def _together(camera: PipeCamera, frames: Frames, detections: Detections, one: Spot, two: Spot, far: float) -> float:
+    """How often both were seen in one frame, as a share of how often that would be were they seen independently of each other.
+    1 where they were not in view together for long enough to tell."""
+    seen = np.zeros((2, len(frames.position)), dtype=bool)
+    shows = frames.weight > 0.2
+    for k, spot in enumerate((one, two)):
+        seen[k, detections.frame[spot.rows]] = True
+        near = nearest_depth(camera, frames.centre.mean(axis=0), spot.angle)
+        shows = shows & (spot.high - frames.position > near) & (spot.low - frames.position < far)
+    first, second = seen[0] & shows, seen[1] & shows
+    expected = first.sum() * second.sum() / max(int(shows.sum()), 1)
+    return float((first & second).sum() / expected) if expected >= LEAST_TOGETHER else 1.0
+
+
+def _split(camera: PipeCamera, frames: Frames, detections: Detections, spot: Spot, pixel_std: float, far: float) -> list[Spot]:
+    """Two things where one was thought to be: where its near sightings leave a gap along the pipe, and the sightings on both
+    sides of it come in the same frames."""
+    if spot.high - spot.low < SPLIT_GAP:
+        return [spot]
+    which = detections.frame[spot.rows]
+    seen = np.maximum(detections.inverse_depth[spot.rows], 1e-3)
+    chainage = frames.position[which] + 1 / seen
+    spread = pixel_std / (np.sqrt(camera.fx * camera.fy) * camera.radius * seen**2)
+    sure = np.sort(chainage[spread < 0.3 * SPLIT_GAP])
+    if len(sure) < 2 * SPLIT_LEAST:
+        return [spot]
+    steps = np.diff(sure)[SPLIT_LEAST - 1 : len(sure) - SPLIT_LEAST]
+    k = int(np.argmax(steps)) + SPLIT_LEAST - 1
+    if sure[k + 1] - sure[k] < SPLIT_GAP:
+        return [spot]
+    below = chainage < (sure[k] + sure[k + 1]) / 2
+    before = replace(spot, high=float(sure[k]), rows=spot.rows[below])
+    after = replace(spot, low=float(sure[k + 1]), rows=spot.rows[~below])
+    return [before, after] if _together(camera, frames, detections, before, after, far) > TOGETHER else [spot]
 
 
 # ---- what the landmarks say of the detector
@@ -518,14 +574,39 @@ def _judge(
     hit = np.zeros(len(frames.position), dtype=bool)
     hit[detections.frame[spot.rows]] = True
     order = np.flatnonzero((shows | hit) & (frames.weight > 0.2))
-    seen = hit[order]
-    missing = belief.miss_evidence(errors, _runs_of_misses(seen))
-    score = float((frames.weight[order] * np.where(seen, 0.0, missing)).sum())
-    long = spot.high > spot.low
-    bursts: Bursts | None = None
+    score = _prior(camera, spot, density, config)
     distance2 = _distance2(camera, frames, detections, spot.rows, spot, pixel_std)
-    area = camera.width * camera.height
-    score += float(np.clip(np.log(config.landmark_rate * 0.01 / area / density[spot.label]), -8.0, -2.0))
+    ratio = _sighting_ratios(frames, detections, spot, distance2, density, errors, matrix, pixel_std)
+    first_row = {int(detections.frame[row]): k for k, row in reversed(list(enumerate(spot.rows)))}
+    run = 0
+    for frame in order:
+        missed = float(belief.miss_evidence(errors, np.array([run]))[0])
+        value = ratio[first_row[int(frame)]] if hit[frame] else missed
+        # What lies off the mark may be a false detection where the landmark itself was missed.
+        run = run + 1 if value <= missed else 0
+        score += float(frames.weight[frame]) * max(float(value), missed)
+    return score, int(hit[order].sum()), int((~hit[order]).sum())
+
+
+def _prior(camera: PipeCamera, spot: Spot, density: Array, config: MapperConfig) -> float:
+    """ln of how much likelier a first sighting is clutter than a landmark nobody knew of."""
+    expected = config.landmark_rate * 0.01 / (camera.width * camera.height)
+    return float(np.clip(np.log(expected / density[spot.label]), -8.0, -2.0))
+
+
+def _sighting_ratios(
+    frames: Frames,
+    detections: Detections,
+    spot: Spot,
+    distance2: Array,
+    density: Array,
+    errors: Errors,
+    matrix: Array,
+    pixel_std: float,
+) -> Array:
+    """ln p(sighting | landmark) - ln p(sighting | clutter) of each of its own sightings; the first is in the prior."""
+    ratios = np.zeros(len(spot.rows))
+    bursts: Bursts | None = None
     for k, row in enumerate(spot.rows):
         frame, label = int(detections.frame[row]), detections.label[row : row + 1]
         pixels = detections.pixels[row : row + 1]
@@ -538,20 +619,11 @@ def _judge(
             errors, bursts, frame, pixels, label, same, density[label], pixel_std
         )
         on_wall = belief.gaussian(distance2[k : k + 1], np.full(1, 4 * np.log(pixel_std)))
-        if long:
+        if spot.high > spot.low:
             on_wall = np.maximum(on_wall, going_on)
         told = np.log(spot.belief @ matrix[:, label])
-        ratio = np.log(errors.stay_seen) + told + on_wall - clutter
-        score += float(frames.weight[frame] * np.maximum(ratio, -8.0)[0])
-    return score, int(seen.sum()), int((~seen).sum())
-
-
-def _runs_of_misses(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """How many misses in a row came right before each frame."""
-    index = np.arange(len(seen))
-    last_hit = np.maximum.accumulate(np.where(seen, index, -1))
-    before = np.concatenate([[-1], last_hit[:-1]])
-    return np.asarray(index - before - 1, dtype=np.int64)
+        ratios[k] = float((np.log(errors.stay_seen) + told + on_wall - clutter)[0])
+    return ratios
 
 
 def _landmark(

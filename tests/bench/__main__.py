@@ -14,6 +14,8 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("paper_sweep", (), ()),
     ("cost", (), ()),
     ("peers", (), ("--frames", "5")),
+    ("landmark_segment", (), ("--seeds", "2")),
+    ("landmark_cost", (), ("--frames", "300")),
     ("osd", (), ("--searches", "3")),
     ("foe", (), ("--seeds", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
