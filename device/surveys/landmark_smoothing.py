@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
+POINT_M = 0.1
+"""A thing no longer than this (m) is at one place."""
 RING_STD = 1.5
 TETHER = Known(1.0, 0.01)
 """Metres travelled per metre counted, where nothing better than the tether itself is known."""
@@ -82,7 +84,8 @@ def smooth_drive(
     """
     seen = _thinned(seen)
     rings = _rings(joints, {one.frame: k for k, one in enumerate(seen)})
-    run = run_of(seen, landmarks, camera, pixel_std, rings, suspected)
+    points = [landmark for landmark in landmarks if landmark.chainage_to - landmark.chainage_from <= POINT_M]
+    run = run_of(seen, points, camera, pixel_std, rings, suspected)
     if len(seen) < 2 or (len(run.sightings.landmark) == 0 and len(rings.joint) == 0):
         return None
     way = seen[-1].view.position - seen[0].view.position
@@ -102,8 +105,21 @@ def smooth_drive(
     times = np.array([one.time_s for one in seen])
     shifts = smoothed.positions - np.array([one.view.position for one in seen])
     begun = float(times[0])
-    return Mapped(
-        tuple(moved(landmarks, smoothed)), _joints(smoothed), _slips(smoothed, begun), _summary(smoothed), times, shifts
+    long = [_shifted(landmark, times, shifts) for landmark in landmarks if landmark.id not in {point.id for point in points}]
+    found = sorted([*moved(points, smoothed), *long], key=lambda landmark: landmark.chainage)
+    return Mapped(tuple(found), _joints(smoothed), _slips(smoothed, begun), _summary(smoothed), times, shifts)
+
+
+def _shifted(landmark: Landmark, times: Array, shifts: Array) -> Landmark:
+    """A long thing goes where the frames went that saw it: what shows of its middle may go along with the camera, and would
+    tell the smoother that the crawler stood."""
+    moments = [seen.time_s for seen in landmark.sightings]
+    shift = float(np.interp(moments, times, shifts).mean()) if moments else 0.0
+    return replace(
+        landmark,
+        chainage=landmark.chainage + shift,
+        chainage_from=landmark.chainage_from + shift,
+        chainage_to=landmark.chainage_to + shift,
     )
 
 
