@@ -17,6 +17,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("landmark_segment", (), ("--seeds", "2")),
     ("landmark_cost", (), ("--frames", "300")),
     ("osd", (), ("--searches", "3")),
+    ("cctv_run", (), ()),
     ("foe", (), ("--seeds", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
     ("landmark_smoothing_peers", (), ()),
