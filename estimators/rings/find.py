@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-_REACHES = (6, 4, 3)
 _BORDER = 7
 """Reduced pixels at the picture's border that a grabber may have smeared."""
 
@@ -70,6 +69,10 @@ class RingConfig:
     """Least product of support and strength of an accepted ring."""
     visible: float = 0.4
     """Share of the directions in which it must lie inside the picture."""
+    tries: int = 16
+    """Curves that are looked at closely, those with most evidence first: what a picture costs."""
+    rounds: tuple[int, ...] = (6, 3)
+    """How far from the curve each round of refinement looks, in bins."""
     most: int = 8
     """Rings a picture, the strongest."""
 
@@ -193,7 +196,7 @@ def _peaks(polar: Polar, leans: Array, config: RingConfig) -> list[tuple[int, in
     chosen: list[tuple[int, int]] = []
     taken = np.zeros(bins, bool)
     for j in np.argsort(-best):
-        if best[j] < config.evidence or len(chosen) >= 2 * config.most:
+        if best[j] < config.evidence or len(chosen) >= config.tries:
             break
         if not taken[j]:
             chosen.append((int(np.argmax(mean[:, j])), int(j)))
@@ -206,7 +209,7 @@ def _refined(polar: Polar, lean: Array, start: int, config: RingConfig) -> Ring 
     relative to ``polar.middle``."""
     curve = start + _curve(lean[None], polar.angle)[0] / polar.step
     ring: Ring | None = None
-    for reach in _REACHES:  # each round looks nearer to what the one before has found
+    for reach in config.rounds:  # each round looks nearer to what the one before has found
         ring = _fitted(polar, curve, reach, config)
         if ring is None:
             return None
