@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.virtual.camera import CctvCamera
+from drivers.virtual.furnish import furnished_sewer
 from drivers.virtual.landmarks import LandmarkTruth
+from drivers.virtual.look import Look, random_look
 from drivers.virtual.profile import circular
 from drivers.virtual.rig import Pose
 from drivers.virtual.world import Joint, VirtualSewer
@@ -142,8 +144,9 @@ class Drive:
         wander: Wander | None = None,
         tether: Tether | None = None,
         seed: int = 1,
+        look: Look | None = None,
     ) -> None:
-        self.sewer, self.start, self.seed = sewer, start, seed
+        self.sewer, self.start, self.seed, self.look = sewer, start, seed, look or Look()
         self.camera, self.wander, self.tether = camera or CctvCamera(), wander or Wander(), tether or Tether()
         self._knots = _knots(legs, start)
         self.length_s = float(self._knots.time[-1])
@@ -326,3 +329,11 @@ def straight_drive(seed: int, length: float = 25.0, diameter: float = 0.3, centr
         Go(0.8 * last, speed),
     )
     return Drive(VirtualSewer(circular(diameter), length, joints=joints), legs, 0.0, wander=Wander(centre_px), seed=seed)
+
+
+def demo_drive(seed: int = 1) -> Drive:
+    """Down a pipe of 25 m in which all kinds of landmarks lie, and back: what ``--virtual`` shows. It can loop."""
+    rng = np.random.default_rng([seed, 33])
+    sewer = furnished_sewer(rng, 25.0, 0.3)
+    legs = (Halt(2.0), Go(9.0, 0.25), Halt(3.0), Go(22.5, 0.3), Halt(3.0), Go(0.0, 0.3))
+    return Drive(sewer, legs, look=replace(random_look(rng), text=True), seed=seed)

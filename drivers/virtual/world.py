@@ -6,6 +6,7 @@ Pipe frame: x right, y down, z along the pipe from its mouth at z = 0; the origi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +49,12 @@ class VirtualSewer:
     joints: tuple[Joint, ...] = ()
     things: tuple[Thing, ...] = ()
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """Mean interior radius (m)."""
-        return self.profile.mean_diameter / 2
+        return sum(self.profile.radii) / len(self.profile.radii)
 
-    @property
+    @cached_property
     def landmarks(self) -> tuple[LandmarkTruth, ...]:
         """What is in it and where, in the order of chainage."""
         return truths(self.things, self.radius)
