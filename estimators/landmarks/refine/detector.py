@@ -1,0 +1,103 @@
+"""What the landmarks say of the detector: its noise, how far it sees, how often, and how often it sees what is not there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from estimators.landmarks.belief import Errors
+from estimators.landmarks.ekf import wrap
+from estimators.landmarks.refine.own import GATE
+from estimators.landmarks.refine.run import LONG_FROM, Run, Spot
+from estimators.landmarks.types import Landmark
+
+Array = NDArray[np.float64]
+
+
+def noise(run: Run, spots: list[Spot], pixel_std: float) -> float:
+    """Noise (px) of one axis across the ray: that is free of the tether and of where on a long thing the detector looks.
+
+    Residuals stop at the gate; the deviation of the whole is that of the part within, made good for what was cut off.
+    """
+    residuals: list[Array] = []
+    for spot in spots:
+        if len(spot.rows) >= 20:
+            which = run.detections.frame[spot.rows]
+            radius = np.hypot(*(run.detections.pixels[spot.rows] - run.frames.centre[which]).T)
+            residuals.append(np.abs(wrap(run.detections.angle[spot.rows] - spot.angle)) * radius)
+    if not residuals:
+        return pixel_std
+    limit = np.sqrt(GATE) * pixel_std
+    everything = np.concatenate(residuals)
+    median = float(np.median(everything[everything < limit]))
+    estimate = pixel_std
+    for _ in range(50):
+        inside = 2 * float(ndtr(limit / estimate)) - 1
+        estimate = median / float(ndtri(0.5 + 0.25 * inside))  # the median of |x| where |x| < limit
+    return float(np.clip(estimate, 0.5 * pixel_std, 2.0 * pixel_std))
+
+
+def starts(found: Sequence[Landmark], default: float) -> float:
+    """How far ahead (m) the detector sees, to begin with: where the mapper's tracks began."""
+    depths = [
+        landmark.chainage_from - sighting.view.position
+        for landmark in found
+        for sighting in landmark.sightings[:3]
+        if landmark.chainage_from > sighting.view.position
+    ]
+    return float(np.median(depths)) if depths else default
+
+
+def reach(run: Run, spots: list[Spot], before: float) -> float:
+    """How far ahead (m) the detector sees: the depth that parts best the frames in which point landmarks were mostly seen from
+    those farther off in which they were not (the likeliest step of the hit rate)."""
+    depths: list[Array] = []
+    hits: list[NDArray[np.bool_]] = []
+    for spot in spots:
+        if spot.high - spot.low < LONG_FROM and len(spot.rows) >= 20:
+            depth = spot.middle - run.frames.position
+            hit = np.zeros(len(depth), dtype=bool)
+            hit[run.detections.frame[spot.rows]] = True
+            nearest = float(np.quantile(depth[hit], 0.02))
+            counted = (depth > nearest) & (depth < 3 * np.quantile(depth[hit], 0.9)) & (run.frames.weight > 0.2)
+            depths.append(depth[counted])
+            hits.append(hit[counted])
+    if not depths:
+        return before
+    depth, hit = np.concatenate(depths), np.concatenate(hits)
+    order = np.argsort(depth)
+    below = np.arange(1, len(depth) + 1)
+    seen = np.cumsum(hit[order])
+    value = _step_likelihood(seen, below) + _step_likelihood(seen[-1] - seen, below[-1] - below)
+    return float(depth[order][int(np.argmax(value))])
+
+
+def _step_likelihood(seen: NDArray[np.int64], of: NDArray[np.int64]) -> Array:
+    """Greatest ln likelihood of ``seen`` hits ``of`` so many frames at an even rate."""
+    rate = (seen + 0.5) / (of + 1.0)
+    return np.asarray(seen * np.log(rate) + (of - seen) * np.log1p(-rate), dtype=np.float64)
+
+
+def errors_of(run: Run, spots: Sequence[Spot], shown: Sequence[NDArray[np.bool_]]) -> Errors:
+    """The detector's recall as the landmarks show it: the median share of frames in which one that should show was seen."""
+    shares = []
+    for spot, shows in zip(spots, shown, strict=True):
+        if shows.sum() >= 20 and len(spot.rows) >= 20:
+            hit = np.zeros(len(shows), dtype=bool)
+            hit[run.detections.frame[spot.rows]] = True
+            shares.append(float((hit & shows).sum() / shows.sum()))
+    return replace(run.config.errors, seen=float(np.clip(np.median(shares), 0.3, 0.95))) if shares else run.config.errors
+
+
+def false_density(run: Run, spots: Sequence[Spot]) -> Array:
+    """False detections per frame and px^2 of each class: what belongs to no landmark."""
+    free = np.ones(len(run.detections.frame), dtype=bool)
+    for spot in spots:
+        free[spot.rows] = False
+    number = np.bincount(run.detections.label[free], minlength=len(run.names))
+    area = run.camera.width * run.camera.height
+    return np.asarray((number + 5.0) / (max(len(run.frames.position), 1) * area), dtype=np.float64)
