@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ from drivers.registry import ENCODERS, open_grabber
 from estimators.landmarks.from_detections import map_detections
 
 SERIAL = tuple(kind for kind in ENCODERS if kind not in ("csv", "virtual"))
+LEAST_RATE = 5.0
+"""Frames a second below which flow cannot follow the wall."""
 OSD_EVERY_S = 0.2
 """The distance is read five times a second: no counter turns faster."""
 
@@ -191,7 +193,8 @@ def _recording(wanted: Options) -> Map:
         return map_frames(run.frames(), run.frame_count, run.way(), run.setup(), run.detector(), wanted.length)
     recording = _Recording(wanted)
     way = recording.way()
-    return map_frames(recording.frames(), recording.count, way, wanted.setup(), NoDetector(), wanted.length)
+    setup = replace(wanted.setup(), sparse=recording.sparse)
+    return map_frames(recording.frames(), recording.count, way, setup, NoDetector(), wanted.length)
 
 
 class _Recording:
@@ -204,6 +207,11 @@ class _Recording:
         if grabber.notice:
             warn(grabber.notice)
         grabber.close()
+
+    @property
+    def sparse(self) -> bool:
+        """Whether its pictures are too far apart for flow."""
+        return self._rate is not None and self._rate < LEAST_RATE
 
     def frames(self, say: bool = True) -> Iterator[VideoFrame]:
         """Every frame; one that cannot be read is passed over with a sentence."""

@@ -75,6 +75,7 @@ PROMPTS = {
         ),
         Prompt("too_fast", "The crawler drives too fast to follow the wall in the picture.", "Drive more slowly."),
         Prompt("too_dark", "The picture is too dark.", "Turn up the crawler's lights, or drive until they reach the wall."),
+        Prompt("too_bright", "The picture is over-exposed.", "Turn down the crawler's lights, or move on from the wall."),
         Prompt("dirty_lens", "Something sticks to the lens.", "Bring the crawler back and clean the lens."),
         Prompt("off_axis", "The camera does not look along the pipe.", "Turn the camera straight ahead and centre it."),
         Prompt("signal_lost", "The CCTV picture is lost.", "Stop until it is back; check the camera and its cable."),

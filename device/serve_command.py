@@ -36,6 +36,8 @@ def serve(
 ) -> None:
     """Run the box: read the cameras, serve the page."""
     chosen = chosen_cameras(virtual, tof, description, replay, cameras)
+    if virtual:
+        chosen["crawler"] = {"grabber": "virtual", "encoder": "virtual"}
     settings = load_settings(config, data_dir=data_dir, host=host, port=port, **chosen)
     share_heaps()
     device = Device(settings)

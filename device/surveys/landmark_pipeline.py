@@ -25,6 +25,7 @@ from estimators.landmarks.projection import PipeCamera, View
 from estimators.landmarks.smoothing import Known
 from estimators.landmarks.types import Evidence, Landmark, Observation
 from estimators.odometry import Position
+from estimators.rings import FocalRadius
 
 Image = NDArray[np.uint8]
 
@@ -32,7 +33,9 @@ _ANY_FOCAL = (100.0, 100.0)
 """Where nothing tells f * R the smoother finds it; it only wants to know the pixels' aspect."""
 _USUAL_DIAGONAL = math.hypot(720, 576)
 MIN_THUMBNAIL, MAX_THUMBNAIL = 64, 240
-CALIBRATED_SHARE = 0.02
+SURE_SHARE = 0.05
+"""Landmarks are mapped once the joints tell f * R to this share."""
+CALIBRATED_SHARE = 0.01
 """Standard deviation, as a share, of an f * R that comes from a stated focal length and a nominal radius."""
 
 
@@ -47,6 +50,8 @@ class PipelineSetup:
     centre: tuple[float, float] | None = None
     radius: float | None = None
     focal_radius: float | None = None
+    sparse: bool = False
+    """Pictures come more than some tenths of a second apart."""
     mapper: MapperConfig | None = None
 
     @property
@@ -59,14 +64,25 @@ class PipelineSetup:
             return Known(value, CALIBRATED_SHARE * value)
         return None
 
-    def camera(self, width: int, height: int, found: float | None = None) -> PipeCamera | None:
-        """The camera for a picture of this size; ``found`` is f * R as the joints tell it. None where nothing tells it."""
+    @property
+    def known_rings(self) -> FocalRadius | None:
+        """The same as the size of rings tells it: sqrt(fx fy) R."""
+        known = self.known_focal_radius
+        if known is None:
+            return None
+        aspect = 1.0 if self.focal is None else self.focal[1] / self.focal[0]
+        return FocalRadius(math.sqrt(aspect) * known.value, math.sqrt(aspect) * known.std, known=True)
+
+    def camera(self, width: int, height: int, found: float | None = None, aspect: float = 1.0) -> PipeCamera | None:
+        """The camera for a picture of this size; ``found`` is fx * R as the joints tell it, ``aspect`` fy / fx. None where
+        nothing tells f * R."""
         if self.focal is not None and self.radius is not None:
             return PipeCamera(self.focal[0], self.focal[1], self.radius, width, height)
         focal_radius = self.focal_radius if self.focal_radius is not None else found
         if focal_radius is None:
             return None
-        aspect = 1.0 if self.focal is None else self.focal[1] / self.focal[0]
+        if self.focal is not None:
+            aspect = self.focal[1] / self.focal[0]
         return PipeCamera(focal_radius, aspect * focal_radius, 1.0, width, height)  # lengths on the wall in radii
 
 
@@ -102,7 +118,7 @@ class LandmarkPipeline:
         self.frames = 0
         """Pictures that were looked at."""
         self._detector = detector
-        self._looking = Looking(setup.centre, seed)
+        self._looking = Looking(setup.centre, setup.known_rings, seed, setup.sparse)
         self._mapper: Mapper | None = None
         self._camera: PipeCamera | None = None
         self._mapped = 0
@@ -120,11 +136,11 @@ class LandmarkPipeline:
         height, width = frame.image.shape[:2]
         self._size = (width, height)
         gray = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-        look = self._looking.look(gray, frame.time_s, position)
+        look = self._looking.look(gray, self.frames, frame.time_s, position)
         if position is None:
             return Step(frame.time_s, frame.number, None, None, look, look.codes)
         if self._camera is None:
-            self._camera = self.setup.camera(width, height, self._found())
+            self._camera = self.setup.camera(width, height, *self._found())
         radius = 1.0 if self._camera is None else self._camera.radius
         view = View(position.chainage, look.centre, (radius * look.axis[0], radius * look.axis[1]))
         detections = self._detector.detect(frame)
@@ -156,9 +172,9 @@ class LandmarkPipeline:
         return self._looking.joints()
 
     def focal_radius(self) -> dict[str, float] | None:
-        """f * R (px m): {"value", "sigma"}, None where nothing tells it yet."""
-        known = self.setup.known_focal_radius
-        return None if known is None else {"value": round(known.value, 2), "sigma": round(known.std, 3)}
+        """sqrt(fx fy) R (px m): {"value", "sigma"}, None where nothing tells it yet."""
+        known = self._looking.solve().focal_radius
+        return None if known is None else {"value": round(known.value, 2), "sigma": round(known.sigma, 3)}
 
     def span(self) -> tuple[float | None, float | None]:
         """The least and the greatest chainage (m) that the crawler has been at."""
@@ -184,13 +200,18 @@ class LandmarkPipeline:
 
     def finish(self) -> None:
         """The drive is over: what was only suspected is dropped."""
+        self._looking.solve(last=True)
         if self._mapper is not None:
             self._mapper.finish()
+
+    def paused(self) -> None:
+        """The next picture does not follow the last one."""
+        self._looking.forget()
 
     def smooth(self, length: float | None = None) -> Mapped | None:
         """The map smoothed over the whole drive, ``length`` (m) from its first picture to its last where it is known. None
         where there is nothing to smooth."""
-        camera = self._camera or self.setup.camera(*self._size, self._found()) or PipeCamera(*_ANY_FOCAL, 1.0, *self._size)
+        camera = self._camera or self.setup.camera(*self._size, *self._found()) or PipeCamera(*_ANY_FOCAL, 1.0, *self._size)
         landmarks = [] if self._mapper is None else self._mapper.landmarks(with_sightings=True)
         pixel_std = mapper_config(camera).pixel_std if self.setup.mapper is None else self.setup.mapper.pixel_std
         return smooth_drive(
@@ -204,8 +225,13 @@ class LandmarkPipeline:
             self._suspected,
         )
 
-    def _found(self) -> float | None:
-        return None
+    def _found(self) -> tuple[float | None, float]:
+        """fx * R as the joints tell it, None where they do not tell it well enough; and fy / fx."""
+        aspect = 1.0 / self._looking.aspect
+        known = self._looking.solve().focal_radius
+        if known is None or known.sigma > SURE_SHARE * known.value:
+            return None, aspect
+        return known.value / math.sqrt(aspect), aspect
 
     def _map(self, image: Image) -> None:
         if self._mapper is None:

@@ -86,8 +86,8 @@ def smooth_drive(
     rings = _rings(joints, {one.frame: k for k, one in enumerate(seen)})
     points = [landmark for landmark in landmarks if landmark.chainage_to - landmark.chainage_from <= POINT_M]
     run = run_of(seen, points, camera, pixel_std, rings, suspected)
-    if len(seen) < 2 or (len(run.sightings.landmark) == 0 and len(rings.joint) == 0):
-        return None
+    if len(seen) < 2 or len(run.sightings.landmark) == 0:
+        return None  # joints alone have been fitted to the tether already
     way = seen[-1].view.position - seen[0].view.position
     constraints = Constraints(
         focal_radius=focal_radius,

@@ -348,6 +348,7 @@ class LandmarkSurvey:
     def _take_frame(self, drive: _Drive, frame: VideoFrame) -> None:
         drive.placing.see(frame)
         if drive.state == "paused":
+            drive.pipeline.paused()
             return
         drive.shown = (frame, drive.pipeline.step(frame, drive.placing.at(frame.time_s)))
 
