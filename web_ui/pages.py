@@ -22,6 +22,9 @@ def blueprint(device: "Device") -> Blueprint:
     pages.add_app_template_filter(wording.position, "position")
     pages.add_app_template_filter(wording.reason, "reason")
     pages.add_app_template_filter(wording.pipe_name, "pipe_name")
+    pages.add_app_template_filter(wording.metres, "metres")
+    pages.add_app_template_filter(wording.span_m, "span_m")
+    pages.add_app_template_filter(wording.duration, "duration")
 
     @pages.get("/")
     def measure() -> str:
@@ -33,6 +36,21 @@ def blueprint(device: "Device") -> Blueprint:
             nodes=device.nodes(),
             chosen=query.pipe,
             second=second,
+            materials=bodies.MATERIALS,
+            shapes=bodies.SHAPES,
+        )
+
+    @pages.get("/drive")
+    def drive() -> str:
+        newest = next(iter(device.surveys(None, 1, None)), None)
+        return render_template(
+            "drive.html",
+            drive=device.drive(),
+            pipes=device.pipes(),
+            nodes=device.nodes(),
+            chosen=bodies.read_query(bodies.MeasureQuery).pipe,
+            cut_off=newest if newest is not None and newest.get("state") == "interrupted" else None,
+            classes=wording.CLASSES,
             materials=bodies.MATERIALS,
             shapes=bodies.SHAPES,
         )
@@ -56,6 +74,8 @@ def blueprint(device: "Device") -> Blueprint:
     @pages.get(f"/surveys/<int(min=1, max={bodies.MAX_ID}):number>")
     def result(number: int) -> str:
         survey = device.survey(number)
+        if survey["kind"] == "landmarks":
+            return render_template("map.html", survey=survey, map=device.survey_map(number), classes=wording.CLASSES)
         kept = next((kind for kind in ("color", "depth") if device.survey_picture(number, kind) is not None), None)
         return render_template("result.html", survey=survey, picture=kept, questions=wording.QUESTIONS)
 

@@ -7,6 +7,8 @@ QUESTIONS = {
     "cloud_is_pipe": "Does the point cloud look like a pipe?",
     "fit_aligned": "Does the fitted cylinder lie on the points?",
 }
+CLASSES = ("connection", "deposit", "displaced joint", "fracture", "roots")
+"""What may be marked by hand with one tap; anything else is typed."""
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _POSITIONS = {"entrance": "in front of the pipe", "top": "top of the pipe", "middle": "middle of the pipe"}
 _REASONS = {
@@ -61,3 +63,22 @@ def when(survey: dict[str, Any]) -> str:
 def pipe_name(survey: dict[str, Any]) -> str:
     """The pipe of a survey's summary."""
     return survey.get("pipe") or "no pipe stated"
+
+
+def metres(value: float | None, digits: int = 2) -> str:
+    """A length in metres, or a dash where there is no number."""
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def span_m(survey: dict[str, Any]) -> str:
+    """The stretch of pipe that a drive has seen; empty where it has seen none."""
+    low, high = survey.get("from_m"), survey.get("to_m")
+    return "" if low is None or high is None else f"{low:.1f} to {high:.1f} m"
+
+
+def duration(seconds: float | None) -> str:
+    """A time as it is spoken of: "48 s", "3 min 20 s"."""
+    if seconds is None:
+        return "–"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"

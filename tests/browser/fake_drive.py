@@ -106,6 +106,7 @@ class FakeDrive:
         """Called by the fake device as it is made."""
         self.prompts: list[Json] = []
         self.drive_faults: list[Json] = []
+        self._untold: list[Json] = []
         self.grabber = {"name": "CCTV", "state": "up", "age_s": 0.03, "message": "", "fps": 25.0, "drops": 0, "reconnects": 0}
         self.encoder = {
             "name": "tether", "state": "up", "age_s": 0.05, "message": "", "fps": 20.0, "drops": 0, "reconnects": 0,
@@ -142,9 +143,17 @@ class FakeDrive:
                 "progress": going["progress"] if going else None,
             }
 
+    def befall(self, what: str, text: str) -> None:
+        """Something goes wrong with the drive: told by the next event and kept."""
+        with self._lock:
+            chainage = self._drive["chainage_m"] if self._drive else None
+            fault = {"time_s": 12.3, "chainage_m": chainage, "what": what, "text": text}
+            self.drive_faults.append(fault)
+            self._untold.append(fault)
+
     def start_drive(
         self, pipe_id: int | None = None, direction: str = "downstream", radius_m: float | None = None,
-        start_chainage_m: float = 0.0,
+        start_chainage_m: float | None = None,
     ) -> Json:  # fmt: skip
         with self._lock:
             self.calls.append(("start_drive", (pipe_id, direction, radius_m, start_chainage_m)))
@@ -157,7 +166,7 @@ class FakeDrive:
             number = next(self._ids)
             self._drive = {
                 "survey_id": number, "pipe_id": pipe_id, "direction": direction, "radius_m": radius_m or RADIUS_M,
-                "state": "driving", "chainage_m": start_chainage_m, "begun": time.monotonic(), "progress": None,
+                "state": "driving", "chainage_m": start_chainage_m or 0.0, "begun": time.monotonic(), "progress": None,
                 "words": {}, "marks": [],
             }  # fmt: skip
             self._paused.clear()
@@ -189,8 +198,10 @@ class FakeDrive:
                     self._drive["chainage_m"] = round(min(LENGTH_M, moved), 3)
                 rows = self._seen(self._drive["chainage_m"])
                 changed = [row for row in rows if told.get(row["id"]) != row]
+                gone = [number for number in told if number not in {row["id"] for row in rows}]
                 told = {row["id"]: row for row in rows}
-                self._bus.publish("drive", {**self.drive(), "landmarks": changed})
+                faults, self._untold = self._untold, []
+                self._bus.publish("drive", {**self.drive(), "landmarks": changed, "gone": gone, "faults": faults})
 
     def _going(self) -> Json:
         if self._drive is None:

@@ -43,6 +43,13 @@ export function showFailure(element, message) {
   setText(element, message ?? "");
 }
 
+export function toast(text) {
+  const place = byId("toast");
+  place.textContent = text;
+  place.hidden = false;
+  setTimeout(() => (place.hidden = true), 4000);
+}
+
 // Buttons that would do nothing before their module runs are served disabled; a tap on a slow link is then seen to wait.
 export function wake() {
   for (const element of document.querySelectorAll("[data-waits]")) element.disabled = false;

@@ -1,5 +1,5 @@
 // Live values from the box: Server-Sent Events where they work, polling where they do not (iOS drops streams of sleeping tabs).
-// Listeners get "status", "live", "measurement", "prompt", and "link" with "up" or "lost".
+// Listeners get "status", "live", "measurement", "prompt", "drive", and "link" with "up" or "lost".
 
 import { ask } from "./api.js";
 
@@ -7,13 +7,13 @@ const SILENCE_MS = 4000; // the box speaks at least once a second
 const LOST_MS = 3500;
 const POLL_MS = 400;
 const RETRY_MS = 6000;
-const NAMES = ["status", "live", "measurement", "prompt"];
+const NAMES = ["status", "live", "measurement", "prompt", "drive"];
 
 const tabName = () => Array.from(crypto.getRandomValues(new Uint32Array(2)), (part) => part.toString(36)).join("-");
 
 export class Feed {
-  // Without `live` only the status is asked for, now and then.
-  constructor({ live = true, pollMs = POLL_MS } = {}) {
+  // `live` names what is asked for beside the status where there is no stream: "live" or "drive"; null opens no stream at all.
+  constructor({ live = "live", pollMs = POLL_MS } = {}) {
     this.live = live;
     this.pollMs = pollMs;
     this.listeners = new Map();
@@ -108,11 +108,11 @@ export class Feed {
           this.polls += 1;
           const [status, live] = await Promise.all([
             wantStatus ? ask("/status", { timeoutMs: 3000 }) : null,
-            this.live ? ask("/live", { timeoutMs: 3000 }) : null,
+            this.live ? ask(`/${this.live}`, { timeoutMs: 3000 }) : null,
           ]);
           this.hear();
           if (status) this.emit("status", status);
-          if (this.live) this.emit("live", live);
+          if (this.live) this.emit(this.live, live);
         } catch {
           // Not an accident but the message: `check` turns the silence into the banner.
         }

@@ -21,7 +21,7 @@ const now = () => performance.now() / 1000;
 const seen = { status: null, statusAt: 0, live: null, liveAt: 0, depthAt: null, colorAt: null, noColor: false };
 let running = null; // the survey being measured, as this page knows it
 
-const feed = startShell({ live: true });
+const feed = startShell({ live: "live" });
 const chooser = new PipeChooser(showReference);
 
 function showReference(pipe) {

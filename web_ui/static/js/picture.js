@@ -2,13 +2,14 @@
 
 import { timeout } from "./api.js";
 
-const REST_MS = { depth: 140, color: 280 };
+const REST_MS = { depth: 140, color: 280, drive: 120 };
 const AFTER_FAILURE_MS = 700;
 
 export class PicturePoller {
   // wanted() tells whether anybody looks; onPicture() is called after each new picture, onNone() when the box has none.
-  constructor(canvas, kind, { wanted, onPicture, onNone }) {
-    Object.assign(this, { canvas, kind, wanted, onPicture, onNone });
+  // address() is where the next picture is to be had, where that is not what the kind says.
+  constructor(canvas, kind, { wanted, onPicture, onNone, address = () => `/api/v1/picture/${kind}.jpg?` }) {
+    Object.assign(this, { canvas, kind, wanted, onPicture, onNone, address });
     this.number = 0;
   }
 
@@ -29,7 +30,7 @@ export class PicturePoller {
 
   async fetchOne() {
     this.number += 1;
-    const response = await fetch(`/api/v1/picture/${this.kind}.jpg?n=${this.number}`, { cache: "no-store", signal: timeout(4000) });
+    const response = await fetch(`${this.address()}n=${this.number}`, { cache: "no-store", signal: timeout(4000) });
     if (response.status === 204) return false;
     if (!response.ok) throw new Error(`picture: ${response.status}`);
     const bitmap = await createImageBitmap(await response.blob());

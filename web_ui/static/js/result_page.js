@@ -3,11 +3,11 @@
 import { ask } from "./api.js";
 import { boxPlot } from "./box_plot.js";
 import { crossSection } from "./cross_section.js";
-import { announce, byId, data, html, localTimes, showFailure, wake } from "./dom.js";
+import { announce, byId, data, html, localTimes, showFailure, toast, wake } from "./dom.js";
+import { recall, remember } from "./operator.js";
 import { startShell } from "./shell.js";
 
 const { id, result } = data("survey-data");
-const NAME_KEY = "borescout.operator";
 
 function draw(place, drawing, instead) {
   place?.replaceChildren(drawing ?? html("p", {}, instead));
@@ -64,29 +64,6 @@ async function answer(event) {
     toast("Your answers are saved.");
   } catch (error) {
     showFailure(byId("answer-error"), error.message);
-  }
-}
-
-function toast(text) {
-  const place = byId("toast");
-  place.textContent = text;
-  place.hidden = false;
-  setTimeout(() => (place.hidden = true), 4000);
-}
-
-function remember(name) {
-  try {
-    localStorage.setItem(NAME_KEY, name);
-  } catch {
-    // Private windows may refuse storage; the name is then typed again.
-  }
-}
-
-function recall() {
-  try {
-    return localStorage.getItem(NAME_KEY) ?? "";
-  } catch {
-    return "";
   }
 }
 

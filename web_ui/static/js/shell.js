@@ -5,8 +5,8 @@ import { announce, byId } from "./dom.js";
 import { Feed } from "./events.js";
 import { showHealth } from "./health.js";
 
-export function startShell({ live = false } = {}) {
-  const feed = new Feed(live ? {} : { live: false, pollMs: 2000 });
+export function startShell({ live = null } = {}) {
+  const feed = new Feed(live ? { live } : { live: null, pollMs: 2000 });
   let status = null;
   const show = () => showHealth(status, feed.link);
   feed.on("status", (value) => {
