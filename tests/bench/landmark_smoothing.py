@@ -65,6 +65,7 @@ class Settings:
     sight: float = 5.0
     centre_px: float = 4.0
     axis: float = 0.03
+    roll: float = 0.01
     focal_known: float = 0.003
     nominal: float = 0.1
     length_std: float = 0.03
@@ -130,12 +131,12 @@ def simulate(rng: np.random.Generator, settings: Settings, focal_radius: float) 
     labels = ["displaced joint" if k % 4 == 3 else "connection" for k in range(settings.landmarks)]
     centre = np.array([CAMERA.width / 2, CAMERA.height / 2]) + wander(rng, x, 20.0, 3.0)
     told = centre + wander(rng, x, settings.centre_px, 0.5)
-    axis = wander(rng, x, settings.axis, 4.0)
+    axis, roll = wander(rng, x, settings.axis, 4.0), wander(rng, x, settings.roll, 4.0)[:, 0]
     seen: list[list[Detection]] = [[] for _ in range(count)]
     sources: dict[tuple[int, float, float], int] = {}
     for k, ((chainage, angle), label) in enumerate(zip(landmarks, labels, strict=True)):
         depth = np.where(chainage - x > 0.1, chainage - x, np.nan)
-        direction = np.array([np.cos(angle), np.sin(angle)])
+        direction = np.stack([np.cos(angle + roll), np.sin(angle + roll)], axis=1)
         pixels = centre + focal_radius * (axis + direction) / depth[:, None]
         inside = (depth < settings.sight) & (pixels > 0).all(axis=1) & (pixels < (CAMERA.width, CAMERA.height)).all(axis=1)
         inside &= ~missed(rng, count, 1 - RECALL[label])

@@ -34,7 +34,7 @@ from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
 FOCAL_RADIUS = 120.0
 CENTRE = np.array([360.0, 288.0])
 GIVEN = Constraints(focal_radius=Known(FOCAL_RADIUS, 1e-3))
-QUIET = Noise(centre_std=1e-4, axis_std=1e-5, slip_rate=1e-8, drift=1e-4)
+QUIET = Noise(centre_std=1e-4, axis_std=1e-5, slip_rate=1e-8, drift=1e-4, roll_std=0.0)
 """A run with nothing wrong but the pixels."""
 
 
@@ -259,6 +259,26 @@ def test_covariance_agrees_with_monte_carlo() -> None:
     assert np.mean(distances) == pytest.approx(2.0, abs=0.55)
     assert 0.9 <= np.mean(np.array(distances) < 5.991) <= 0.99
     assert np.std(errors) == pytest.approx(np.mean(stds), rel=0.35)
+
+
+def test_the_roll_of_the_crawler_is_in_every_angle() -> None:
+    x = np.linspace(0, 3, 31)
+    run = drive(x, x, np.array([[3.5, 0.5]]), std=5.0)
+    without, with_roll = (smooth(run, GIVEN, replace(QUIET, roll_std=std)).landmarks[0].covariance for std in (0.0, 0.1))
+    assert with_roll - without == pytest.approx(np.diag([0.0, 0.01]), abs=1e-6)
+
+
+def test_a_burst_of_false_sightings_makes_its_landmark_less_certain() -> None:
+    x = np.linspace(0, 8, 161)
+    run = drive(x, x, np.array([[4.0, 0.5], [8.5, 2.0]]), 10.0, np.random.default_rng(3), std=10.0)
+    pixels = run.sightings.pixels.copy()
+    mine = np.flatnonzero(run.sightings.landmark == 0)
+    pixels[mine[20:35]] += [25.0, 0.0]
+    pixels[mine[50:62]] -= [0.0, 25.0]
+    calm = smooth(run, GIVEN, QUIET)
+    disturbed = smooth(replace(run, sightings=replace(run.sightings, pixels=pixels)), GIVEN, QUIET)
+    assert disturbed.landmarks[0].covariance[1, 1] > 1.5 * calm.landmarks[0].covariance[1, 1]
+    assert disturbed.landmarks[1].covariance[1, 1] < 1.5 * calm.landmarks[1].covariance[1, 1]
 
 
 def test_wrong_sightings_are_weighed_down() -> None:

@@ -18,13 +18,13 @@ SMALLEST, LARGEST = 0.2, 5.0
 
 @dataclass(frozen=True)
 class Scatter:
-    """``ratio`` of the scatter of the sightings to what they claim; ``alike``, how many sightings in a row count as one (their
-    errors being alike); the same for rings."""
+    """``ratio`` of the scatter of the sightings to what they claim; ``alike`` (m,) how many sightings in a row of the same
+    landmark count as one, their errors being alike; the same for rings (r,)."""
 
     ratio: float = 1.0
-    alike: float = 1.0
+    alike: Array | float = 1.0
     ring_ratio: float = 1.0
-    ring_alike: float = 1.0
+    ring_alike: Array | float = 1.0
 
     def tempered(self, factor: float) -> Scatter:
         return Scatter(self.ratio * factor, self.alike, self.ring_ratio * factor, self.ring_alike)
@@ -48,7 +48,7 @@ def weigh(system: System, state: Array, scatter: Scatter, noise: Noise) -> Weigh
     ring_right = np.log((1 - noise.outliers) / (np.sqrt(2 * np.pi) * ring_std)) - 0.5 * (rings / scatter.ring_ratio) ** 2
     ring_wrong = np.log(noise.outliers / noise.outlier_span)
     both, ring_both = np.logaddexp(right, wrong), np.logaddexp(ring_right, ring_wrong)
-    cost = -float(both.sum() / scatter.alike + ring_both.sum() / scatter.ring_alike)
+    cost = -float(np.sum(both / scatter.alike) + np.sum(ring_both / scatter.ring_alike))
     return Weighed(np.exp(right - both), np.exp(ring_right - ring_both), cost)
 
 
@@ -61,25 +61,36 @@ def measure(system: System, state: Array, scatter: Scatter, noise: Noise) -> Sca
     return Scatter(ratio, alike, ring_ratio, ring_alike)
 
 
-def _spread(residual: Array, weight: Array, owner: Indices, unknowns: int, before: float) -> tuple[float, float]:
-    """Ratio and likeness of residuals (m, d), in claimed standard deviations, of things with ``unknowns`` each."""
-    things = len(np.unique(owner))
-    free = residual.shape[1] * float(weight.sum()) - unknowns * things
+def _spread(residual: Array, weight: Array, owner: Indices, unknowns: int, before: float) -> tuple[float, Array | float]:
+    """Ratio of residuals (m, d), in claimed standard deviations, and their likeness (m,), of things with ``unknowns`` each.
+
+    Errors that are alike over a batch give it a sum that is larger than chance (the method of batch means): a burst of false
+    sightings, or a detector that has its own idea of where the middle is. Each thing has its own likeness, as far as it has
+    batches to tell, and the others' beside.
+    """
+    things = int(owner.max()) + 1 if len(owner) else 0
+    sides = residual.shape[1]
+    free = sides * float(weight.sum()) - unknowns * things
     if free < 30:
         return before, 1.0
     variance = float(weight @ np.sum(residual**2, axis=1)) / free
     order = np.argsort(owner, kind="stable")
-    _, start = np.unique(owner[order], return_index=True)
+    per_thing = np.bincount(owner, minlength=things)
     place = np.empty(len(owner), np.int64)
-    place[order] = np.arange(len(owner)) - np.repeat(start, np.diff(np.append(start, len(owner))))
-    _, batch = np.unique(np.stack([owner, place // BATCH]), axis=1, return_inverse=True)
-    batch = batch.ravel()
-    sums = np.stack([np.bincount(batch, weight * residual[:, d]) for d in range(residual.shape[1])], axis=1)
-    count = np.bincount(batch, weight**2)
+    place[order] = np.arange(len(owner)) - np.repeat(np.cumsum(per_thing) - per_thing, per_thing)
+    # a last batch that is not full goes with the one before
+    last = np.maximum(per_thing[owner] // BATCH - 1, 0)
+    longest = int(last.max()) + 1
+    batch = owner * longest + np.minimum(place // BATCH, last)
+    sums = np.stack([np.bincount(batch, weight * residual[:, side], things * longest) for side in range(sides)], axis=1)
+    count = np.bincount(batch, weight**2, things * longest)
     full = count > BATCH / 3
-    batches = int(full.sum()) * residual.shape[1]
-    # each thing's own unknowns take their share of the batches' sums
-    kept = max(batches - unknowns * things, 1)
-    common = float(np.sum(sums[full] ** 2 / count[full, None])) / variance if batches else 0.0
-    alike = (EXPERIENCE + common * batches / kept) / (EXPERIENCE + batches)
-    return float(np.clip(np.sqrt(variance), SMALLEST, LARGEST)), float(np.clip(alike, 1.0, BATCH))
+    square = np.where(full, np.sum(sums**2, axis=1) / np.where(full, count, 1.0), 0.0) / variance
+    excess = square.reshape(things, longest).sum(axis=1)
+    batches = sides * full.reshape(things, longest).sum(axis=1)
+    # each thing's own unknowns take their share of its batches' sums
+    kept = np.maximum(batches - unknowns, 0)
+    common = (EXPERIENCE + excess[kept > 0].sum()) / (EXPERIENCE + kept.sum())
+    own = (EXPERIENCE * common + np.where(kept > 0, excess, 0.0)) / (EXPERIENCE + kept)
+    alike = np.clip(own, 1.0, BATCH)[owner]
+    return float(np.clip(np.sqrt(variance), SMALLEST, LARGEST)), np.asarray(alike, dtype=np.float64)

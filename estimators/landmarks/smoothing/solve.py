@@ -154,7 +154,7 @@ def _result(
     for k, name in enumerate(layout.landmark_ids):
         at, mine = layout.landmarks + 2 * k, system.landmark == k
         angle = float(np.arctan2(np.sin(state[at + 1]), np.cos(state[at + 1])))
-        block = covariance[at : at + 2, at : at + 2]
+        block = covariance[at : at + 2, at : at + 2] + np.diag([0.0, noise.roll_std**2])
         landmarks.append(
             SmoothedLandmark(
                 int(name), float(state[at]), angle, (block + block.T) / 2, int(mine.sum()), float(weighed.sightings[mine].sum())

@@ -106,8 +106,8 @@ class Noise:
     ``scale_std`` of an uncalibrated tether; ``drift`` of tether against way (m per sqrt m); ``slip_rate`` expected slips per
     metre, known as from ``slip_experience`` slips seen, and ``slip_std`` (m) their size; ``centre_std`` (px) of the focus of
     expansion and ``centre_memory`` (m) over which its error stays alike; ``axis_std`` (radii) and ``axis_memory`` (m) of the
-    camera's offset the same; ``outliers`` the share of sightings that are something else, ``outlier_span`` (px) the width over
-    which those lie.
+    camera's offset the same; ``roll_std`` (rad) of the crawler, which nothing here sees: it goes into every angle's variance;
+    ``outliers`` the share of sightings that are something else, ``outlier_span`` (px) the width over which those lie.
     """
 
     scale_std: float = 0.05
@@ -119,6 +119,7 @@ class Noise:
     centre_memory: float = 0.5
     axis_std: float = 0.03
     axis_memory: float = 4.0
+    roll_std: float = 0.02
     outliers: float = 0.05
     outlier_span: float = 400.0
 
