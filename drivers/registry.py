@@ -24,6 +24,7 @@ GRABBERS: dict[str, str] = {
     "stream": "drivers.grabber.stream:StreamGrabber",
     "video": "drivers.grabber.video:VideoFile",
     "stills": "drivers.grabber.stills:StillsFolder",
+    "virtual": "drivers.virtual.openers:grabber",
 }
 """Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the grabber."""
 
@@ -34,6 +35,7 @@ ENCODERS: dict[str, str] = {
     "nmea": "drivers.encoder.nmea:NmeaEncoder",
     "pattern": "drivers.encoder.pattern:PatternEncoder",
     "csv": "drivers.encoder.recorded:RecordedEncoder",
+    "virtual": "drivers.virtual.openers:encoder",
 }
 """Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the encoder."""
 
@@ -52,7 +54,8 @@ def open_grabber(kind: str, **arguments: Any) -> FrameGrabber:
     """The CCTV grabber of a kind, made but not yet running: ``open`` is the caller's, who can wait and try again.
 
     ``arguments``: "v4l2" takes ``device``, ``size``, ``fps``, ``input_index`` and ``standard``; "stream" ``url``; "video"
-    ``file``; "stills" ``folder``. Raises SensorMissing for an unknown kind, ValueError for arguments that cannot be.
+    ``file``; "stills" ``folder``; "virtual" ``seed``. Raises SensorMissing for an unknown kind, ValueError for arguments that
+    cannot be.
     """
     maker: Callable[..., FrameGrabber] = _named(GRABBERS, kind, "CCTV grabber")
     return maker(**arguments)
@@ -63,8 +66,8 @@ def open_encoder(kind: str, **arguments: Any) -> Encoder:
 
     ``arguments``: the serial ones take ``port`` and ``baud``, "qsb" and "modbus" also ``rate_hz``, "modbus" ``device_id``,
     ``address``, ``word_order`` and ``bits``, "lci90" ``metres_per_unit``, "pattern" ``pattern``, ``metres_per_unit``, ``bits``
-    and ``name``; "csv" ``file`` and ``frame_rate``. Raises SensorMissing for an unknown kind, ValueError for arguments that
-    cannot be.
+    and ``name``; "csv" ``file`` and ``frame_rate``; "virtual" ``seed``, the same as its grabber's. Raises
+    SensorMissing for an unknown kind, ValueError for arguments that cannot be.
     """
     maker: Callable[..., Encoder] = _named(ENCODERS, kind, "tether encoder")
     return maker(**arguments)

@@ -41,8 +41,9 @@ class Renderer:
         self._ring_px = np.arange(_NEAREST_RING_PX, self._reach_px, 1.2, dtype=np.float32)
         self._noise = _grains(np.random.default_rng([seed, 51]), camera.height, camera.width)
 
-    def picture(self, pose: Pose, rng: np.random.Generator, before: Pose | None = None) -> Picture:
-        """(H, W, 3) uint8 BGR from ``pose``. In an interlaced look the odd lines were taken at ``before``."""
+    def picture(self, pose: Pose, rng: np.random.Generator, before: Pose | None = None, texts: tuple[str, ...] = ()) -> Picture:
+        """(H, W, 3) uint8 BGR from ``pose``. In an interlaced look the odd lines were taken at ``before``; in one with text the
+        lines of ``texts`` are burned in."""
         strip, start = self._strip(pose)
         maps = self._maps(pose, start)
         if self.look.interlace and before is not None:
@@ -50,7 +51,7 @@ class Renderer:
                 mine[1::2] = earlier[1::2]
         # the ring nearest to the camera may lie past the strip's end at a corner: it is as bright as the last
         found = cv2.remap(strip, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return self._recorded(np.asarray(found, np.uint8), rng)
+        return self._recorded(np.asarray(found, np.uint8), rng, texts)
 
     def _strip(self, pose: Pose) -> tuple[Picture, float]:
         """The lit wall ahead: one row for each ring of ``_ring_px``, far to near; and the chainage that their depths count
@@ -121,11 +122,13 @@ class Renderer:
         ring = np.float32(self._focal * self.sewer.radius) / np.maximum(ahead, np.float32(1e-3))
         return x, y, np.minimum(ring, np.float32(4 * self._reach_px))
 
-    def _recorded(self, picture: Picture, rng: np.random.Generator) -> Picture:
+    def _recorded(self, picture: Picture, rng: np.random.Generator, texts: tuple[str, ...]) -> Picture:
         """What lens, sensor and recorder do to it."""
         look = self.look
         if look.blur > 0.3:
             picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), look.blur), np.uint8)
+        if look.text:
+            _write(picture, texts)
         if look.noise > 0:
             top, left = rng.integers(0, _grain_play(self._noise, self.camera), 2)
             grains = self._noise[top : top + self.camera.height, left : left + self.camera.width]
@@ -183,6 +186,14 @@ def _grains(rng: np.random.Generator, height: int, width: int) -> Picture:
     """Sensor noise around 128, larger than a picture, so that each takes another part of it."""
     grains = rng.normal(128, _GRAIN_STD * 1.6, (height + 64, width + 64)).astype(np.float32)
     return np.clip(cv2.GaussianBlur(grains, (0, 0), 0.5), 0, 255).astype(np.uint8)
+
+
+def _write(picture: Picture, texts: tuple[str, ...]) -> None:
+    """White letters on a dark seam, at the lower left."""
+    for line, text in enumerate(reversed(texts)):
+        at = (24, picture.shape[0] - 28 - 30 * line)
+        for color, thick in (((0, 0, 0), 4), ((235, 235, 235), 2)):
+            cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, 0.8, color, thick, cv2.LINE_AA)
 
 
 def _grain_play(noise: Picture, camera: CctvCamera) -> int:

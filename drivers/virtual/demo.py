@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base import DriverError
-from drivers.virtual.faults import Fault
+from drivers.virtual.faults import FAULTS, Fault
 from drivers.virtual.noise import StereoNoise, Window
 from drivers.virtual.profile import PipeProfile, circular, dented, egg, oval
 from drivers.virtual.rig import HandMotion, Pose, sway
@@ -170,6 +170,8 @@ def _fault(found: Any) -> Fault:
     unknown = set(found) - {"name", "at_s", "for_s", "cure"}
     if unknown:
         raise ValueError(f"a fault has no field {sorted(unknown)[0]}")
+    if found["name"] not in FAULTS:
+        raise ValueError(f"there is no fault {found['name']!r}, known are {', '.join(FAULTS)}")
     times = {key: _number(key, found[key]) for key in ("at_s", "for_s") if key in found}
     return Fault(found["name"], **times, cure=str(found.get("cure", "none")))
 

@@ -155,7 +155,13 @@ class Drive:
 
     @property
     def truth(self) -> Truth:
+        """What is so."""
         return Truth(self)
+
+    @property
+    def quantum(self) -> float:
+        """Step (m) of what ``encoder`` shows, 0 for none."""
+        return self.tether.quantum
 
     def position(self, t: float | Array) -> Array:
         """Chainage of the camera (m) at ``t``, any shape."""

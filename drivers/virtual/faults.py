@@ -21,6 +21,31 @@ FAULTS = {
     "hang": "the library does not return",
 }
 """The faults that a depth camera's twin knows, in words."""
+CCTV_FAULTS = {
+    "freeze": "the same picture again and again",
+    "disconnect": "the stream dies, until a reconnect",
+    "reconnect": "the stream is there again",
+    "dark": "the lamp is out",
+    "garbage": "random bytes for a picture",
+    "stall": "once a second a picture comes 100 ms late",
+    "wrong size": "half of every picture is missing",
+    "never comes": "it is plugged in and sends nothing",
+    "hang": "the driver's call does not return",
+}
+"""The faults that the CCTV grabber's twin knows, in words."""
+TETHER_FAULTS = {
+    "freeze": "the counter stands, whatever the crawler does",
+    "disconnect": "the plug is pulled, until a reconnect",
+    "reconnect": "the plug is in again",
+    "slip": "the tether slips through: way that is not counted",
+    "jump back": "the counter falls back by a metre, once",
+    "garbage": "bytes that are no reading",
+    "stall": "once a second a reading comes 100 ms late",
+    "never comes": "it is plugged in and sends nothing",
+    "hang": "the driver's call does not return",
+}
+"""The faults that the tether encoder's twin knows, in words."""
+_KNOWN = {**FAULTS, **CCTV_FAULTS, **TETHER_FAULTS}
 CURES = ("none", "restart", "reset")
 """What ends a fault before its time: nothing, starting the streams again, or a reset of the hardware."""
 FOREVER = float("inf")
@@ -28,7 +53,8 @@ FOREVER = float("inf")
 
 @dataclass(frozen=True)
 class Fault:
-    """``name`` of FAULTS, from ``at_s`` after the sensor was first started, for ``for_s`` seconds or until its ``cure``."""
+    """``name`` of one of the tables above, from ``at_s`` after the sensor was first started, for ``for_s`` seconds or until
+    its ``cure``."""
 
     name: str
     at_s: float = 0.0
@@ -36,8 +62,8 @@ class Fault:
     cure: str = "none"
 
     def __post_init__(self) -> None:
-        if self.name not in FAULTS:
-            raise ValueError(f"there is no fault {self.name!r}, known are {', '.join(FAULTS)}")
+        if self.name not in _KNOWN:
+            raise ValueError(f"there is no fault {self.name!r}, known are {', '.join(_KNOWN)}")
         if self.cure not in CURES:
             raise ValueError(f"a fault is cured by {', '.join(CURES)}, not by {self.cure!r}")
         if not self.at_s >= 0 or not self.for_s > 0:
@@ -51,9 +77,14 @@ class FaultScript:
         self._clock = clock
         self._lock = threading.Lock()
         self._began: float | None = None
-        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
+        self._timetable = sorted(faults, key=lambda fault: fault.at_s)
+        self._to_come = list(self._timetable)
         self._under_way: list[Fault] = []
         self._unplugged = 0
+
+    def anew(self, clock: Callable[[], float]) -> FaultScript:
+        """The same timetable from its beginning, by another ``clock``."""
+        return FaultScript(self._timetable, clock)
 
     def begin(self) -> None:
         """The sensor is started: the first time sets the script's clock going."""

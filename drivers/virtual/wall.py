@@ -153,9 +153,9 @@ class Wall:
 
 def periodic_noise(rng: np.random.Generator, size: int, grain: float) -> Array:
     """(size, size) of standard deviation 1 that repeats without a seam."""
-    white = np.tile(rng.normal(size=(size, size)).astype(np.float32), (2, 2))
-    half = size // 2
-    smooth = np.asarray(cv2.GaussianBlur(white, (0, 0), grain))[half : half + size, half : half + size]
+    border = int(4 * grain) + 1
+    white = np.pad(rng.normal(size=(size, size)).astype(np.float32), border, mode="wrap")
+    smooth = np.asarray(cv2.GaussianBlur(white, (0, 0), grain))[border : border + size, border : border + size]
     return np.asarray(smooth / smooth.std(), np.float32)
 
 
