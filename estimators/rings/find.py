@@ -20,6 +20,8 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 _BORDER = 7
 """Reduced pixels at the picture's border that a grabber may have smeared."""
+_PULL = 0.02
+"""Pull of an ellipse towards square pixels, against the weight of its points: a short arc tells no aspect."""
 
 
 @dataclass(frozen=True)
@@ -96,15 +98,19 @@ def find(
     centre: tuple[float, float],
     config: RingConfig | None = None,
     lean: tuple[float, float] | None = None,
+    aspect: float = 1.0,
 ) -> list[Ring]:
     """Rings of a picture (H, W) uint8 around ``centre`` (u, v) px, which may be off by a part of the smallest ring's radius.
 
-    ``lean`` (2,), e / R as the pictures before had it, narrows the search to its neighbourhood. Largest radius first.
+    ``lean`` (2,), e / R as the pictures before had it, narrows the search to its neighbourhood. ``aspect`` is fx / fy as far as
+    it is known (see ``RingMap.aspect``): with it rings are circles, and those of which an arc is seen are right. Largest radius
+    first.
     """
     config = config or RingConfig()
-    factor = config.width / gray.shape[1]
-    small = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    middle = ((centre[0] + 0.5) * factor - 0.5, (centre[1] + 0.5) * factor - 0.5)
+    across = config.width / gray.shape[1]
+    factor = across, across * aspect
+    small = cv2.resize(gray, None, fx=factor[0], fy=factor[1], interpolation=cv2.INTER_AREA)
+    middle = ((centre[0] + 0.5) * factor[0] - 0.5, (centre[1] + 0.5) * factor[1] - 0.5)
     polar = log_polar(np.asarray(small, np.float32), middle, config)
     leans = _leans(config, lean)
     found = [_refined(polar, leans[k], j, config) for k, j in _peaks(polar, leans, config)]
@@ -267,7 +273,7 @@ def _ellipse(points: Array, weight: Array, scale: float) -> tuple[Array, Array, 
     x, y = (points / scale).T
     design = np.stack([y * y - x * x, x, y, np.ones_like(x)], axis=1)
     off = np.zeros(len(x))
-    pull = np.diag([0.05 * weight.sum(), 0, 0, 0])
+    pull = np.diag([_PULL * weight.sum(), 0, 0, 0])
     centre, axes = np.zeros(2), np.ones(2)
     for _ in range(6):
         robust = weight / (1 + (off / (0.02 * scale + 0.5)) ** 2) ** 2
@@ -289,9 +295,10 @@ def _ellipse(points: Array, weight: Array, scale: float) -> tuple[Array, Array, 
     return centre * scale, axes * scale, off
 
 
-def _whole_size(ring: Ring, middle: tuple[float, float], factor: float) -> Ring:
-    u, v = ((m + c + 0.5) / factor - 0.5 for m, c in zip(middle, ring.centre, strict=True))
-    return Ring((u, v), ring.across / factor, ring.upright / factor, ring.std / factor, ring.support, ring.strength)
+def _whole_size(ring: Ring, middle: tuple[float, float], factor: tuple[float, float]) -> Ring:
+    u, v = ((m + c + 0.5) / f - 0.5 for m, c, f in zip(middle, ring.centre, factor, strict=True))
+    std = ring.std / float(np.sqrt(factor[0] * factor[1]))
+    return Ring((u, v), ring.across / factor[0], ring.upright / factor[1], std, ring.support, ring.strength)
 
 
 def _distinct(rings: list[Ring]) -> list[Ring]:

@@ -18,6 +18,8 @@ from estimators.rings.find import Ring
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_RECENT, _FEW = 300, 5
+"""Rings that tell the pixels' aspect, the last ones, and how many of them well seen it takes."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,11 @@ class JointConfig:
     """Ratio of the largest to the smallest radius of an accepted joint: what does not grow is none."""
     seen_share: float = 0.4
     """Least share of the positions, between the first and the last of its sightings, at which an accepted joint is seen."""
+    miss: float = 0.7
+    """What a position that it should have been seen from takes away from its evidence, in sightings."""
     evidence: float = 3.0
-    """Least evidence of an accepted joint: positions it was seen from, times the log of how much it grew."""
+    """Least evidence of an accepted joint: positions it was seen from, less ``miss`` for each it was not, times the log of how
+    much it grew."""
     apart: float = 1 / 250
     """Joints are at least this times F apart, which is a little over a diameter: no pipe is shorter. Of nearer ones the one
     with more evidence stays; the others are its edges, stains around it, or echoes."""
@@ -99,19 +104,31 @@ class RingMap:
         self._known = known
         self._config = config or JointConfig()
         self._seen: list[tuple[int, float, Ring]] = []
+        self._visited: list[float] = []
 
     def __len__(self) -> int:
         return len(self._seen)
 
     def add(self, frame: int, position: float, rings: Sequence[Ring]) -> None:
-        """The rings of one picture taken at ``position``."""
+        """The rings of one picture taken at ``position``; none is news too."""
+        self._visited.append(position)
         self._seen += [(frame, position, ring) for ring in rings]
+
+    @property
+    def aspect(self) -> float:
+        """fx / fy as the rings show it that were seen best of late; 1 while they are few."""
+        told = [
+            ring.across / ring.upright
+            for _, _, ring in self._seen[-_RECENT:]
+            if ring.support > 0.7 and ring.std < 0.01 * ring.radius
+        ]
+        return float(np.median(told)) if len(told) >= _FEW else 1.0
 
     def solve(self) -> JointMap:
         """Joints and F from all rings so far."""
         if len(self._seen) < self._config.fewest:
             return JointMap((), self._known)
-        seen = _Seen.of(self._seen, self._config)
+        seen = _Seen.of(self._seen, self._visited, self._config)
         focal = search_focal_radius(seen, self._config) if self._known is None else self._known.value
         if focal is None:
             return JointMap((), None)
@@ -125,16 +142,18 @@ class RingMap:
 
 @dataclass(frozen=True)
 class _Seen:
-    """All rings as arrays (n,): frame, position, 1 / radius and its standard deviation, weight."""
+    """All rings as arrays (n,): frame, position, 1 / radius and its standard deviation, weight; and ``visited``, where pictures
+    were taken."""
 
     frame: Index
     position: Array
     inverse: Array
     inverse_std: Array
     weight: Array
+    visited: Array
 
     @staticmethod
-    def of(seen: Sequence[tuple[int, float, Ring]], config: JointConfig) -> _Seen:
+    def of(seen: Sequence[tuple[int, float, Ring]], visited: Sequence[float], config: JointConfig) -> _Seen:
         radius = np.array([ring.radius for _, _, ring in seen])
         std = np.hypot([ring.std for _, _, ring in seen], config.relative_std * radius)
         return _Seen(
@@ -143,12 +162,13 @@ class _Seen:
             1 / radius,
             std / radius**2,
             np.array([ring.quality for _, _, ring in seen]),
+            np.array(visited),
         )
 
     def take(self, chosen: Index) -> _Seen:
         """Those of ``chosen`` alone."""
         inverse, std, weight = (values[chosen] for values in (self.inverse, self.inverse_std, self.weight))
-        return _Seen(self.frame[chosen], self.position[chosen], inverse, std, weight)
+        return _Seen(self.frame[chosen], self.position[chosen], inverse, std, weight, self.visited)
 
     def places(self, focal: float) -> Array:
         """Where each ring puts its joint."""
@@ -259,7 +279,7 @@ def _refine(seen: _Seen, focal: float, places: Array, config: JointConfig, fixed
         owner = _owners(seen, focal, places, config, loosened=max(1.0, 2.0 - 0.2 * round_))
         member = owner >= 0
         if round_ >= 3:
-            evidence = np.array([_evidence(seen, focal, places[k], owner == k, config) for k in range(len(places))])
+            evidence = _evidences(seen, focal, places, owner, config)
             kept = _apart(places, evidence, config.apart * focal)
             if not kept.all():
                 places = places[kept]
@@ -303,20 +323,30 @@ def _owners(seen: _Seen, focal: float, places: Array, config: JointConfig, loose
     return np.asarray(owner, np.int64)
 
 
-def _evidence(seen: _Seen, focal: float, place: float, mine: NDArray[np.bool_], config: JointConfig) -> float:
-    """Positions from which a joint at ``place`` was seen, times the log of how much it grew; 0 for what is no joint: seen too
-    seldom, not grown, or missed too often in between."""
+def _evidences(seen: _Seen, focal: float, places: Array, owner: Index, config: JointConfig) -> Array:
+    """Evidence (m,) of each place."""
+    nearest = [float(seen.inverse[owner == k].min()) for k in range(len(places)) if (owner == k).any()]
+    usual = float(np.median(nearest)) if nearest else 0.0
+    return np.array([_evidence(seen, focal, places[k], owner == k, usual, config) for k in range(len(places))])
+
+
+def _evidence(seen: _Seen, focal: float, place: float, mine: NDArray[np.bool_], usual: float, config: JointConfig) -> float:
+    """Positions from which a joint at ``place`` was seen, less those from which it should have been, times the log of how much
+    it grew; 0 for what is no joint.
+
+    ``usual`` is 1 / radius at which joints of this run leave the picture: what vanishes long before was an edge of the dark.
+    """
     if np.count_nonzero(mine) < config.fewest:
         return 0.0
     step = 3 * config.position_std
     places = _steps(seen.position[mine], step)
-    inverse = (place - seen.position) / focal
     low, high = seen.inverse[mine].min(), seen.inverse[mine].max()
-    could = _steps(seen.position[(inverse > 0.98 * low) & (inverse < 1.02 * high)], step)
     growth = float(np.log(high / low))
+    inverse = (place - seen.visited) / focal
+    could = _steps(seen.visited[(inverse > 0.98 * min(low, max(low / 2, usual))) & (inverse < 1.02 * high)], step)
     if places < config.fewest or growth < np.log(config.lever) or places < config.seen_share * could:
         return 0.0
-    return places * growth
+    return max(places - config.miss * max(could - places, 0), 0.0) * growth
 
 
 def _apart(places: Array, evidence: Array, least: float) -> NDArray[np.bool_]:
@@ -338,9 +368,10 @@ def _joints(
     """The accepted joints."""
     found = []
     place, std = seen.places(focal), seen.std(focal, config)
+    evidence = _evidences(seen, focal, places, owner, config)
     for k in range(len(places)):
         mine = np.flatnonzero(owner == k)
-        if _evidence(seen, focal, places[k], owner == k, config) < config.evidence:
+        if evidence[k] < config.evidence:
             continue
         sightings = tuple(JointSighting(*rings[n], float(place[n]), float(std[n])) for n in mine.tolist())
         # the errors of neighbouring pictures are alike, and so is the counter's

@@ -67,6 +67,15 @@ def test_pixels_that_are_not_square() -> None:
     assert ring.radius == pytest.approx(110, rel=0.02)
 
 
+def test_the_aspect_is_told_back_by_the_map() -> None:
+    found = RingMap()
+    for seed in range(8):
+        rings = find(pipe([60 + 12 * seed], aspect=1.12, seed=seed), (360, 288), aspect=found.aspect)
+        found.add(seed, float(seed), rings)
+    assert found.aspect == pytest.approx(1.12, abs=0.02)
+    assert near(find(pipe([110], aspect=1.12), (360, 288), aspect=1.12), 110).radius == pytest.approx(110, rel=0.01)
+
+
 def test_the_known_lean_narrows_the_search() -> None:
     rings = find(pipe([70, 150], lean=(0.15, -0.1)), (360, 288), lean=(0.14, -0.12))
     assert near(rings, 150).radius == pytest.approx(150, rel=0.02)
@@ -139,6 +148,16 @@ def test_what_does_not_grow_is_no_joint() -> None:
     for frame, position in enumerate(np.arange(0, 12, 0.2)):
         found.add(frame, float(position), [ring(60.0)])
     assert found.solve().joints == ()
+
+
+def test_an_edge_that_vanishes_long_before_the_camera_is_no_joint() -> None:
+    found = RingMap(FocalRadius(180.0, 0.0, known=True))
+    for frame, position in enumerate(np.arange(0, 12, 0.2)):
+        seen = [ring(180 / (joint - position)) for joint in (6.0, 9.0) if 0.6 < joint - position < 5]
+        edge = 11.0 - float(position)
+        found.add(frame, float(position), seen + ([ring(180 / edge)] if 6.0 < edge < 9 else []))
+    places = [joint.chainage for joint in found.solve().joints]
+    assert places == pytest.approx([6.0, 9.0], abs=0.05)
 
 
 def test_nothing_and_one_ring_give_an_empty_map() -> None:
