@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from estimators.landmarks.ekf import wrap
 from estimators.landmarks.projection import PipeCamera, View, back_project
 from estimators.landmarks.tracks import Tracks
 
@@ -21,24 +22,70 @@ GAIN = 0.3
 EXACT = 0.15
 """A sighting whose chainage is known to this (m) counts as exact for the ends of an extent."""
 
+DEEPEST = 20.0
+"""In radii: farther ahead than this a point of an outline has no depth to speak of."""
+TURN_GAIN = 0.15
+"""Share of the way by which one outline moves the extent around the pipe."""
 
-def depth_std(camera: PipeCamera, view: View, pixels: Array, pixel_std: float) -> Array:
-    """Standard deviation (m) of the chainage of back-projected pixels (n, 2): Z^2 sigma / (f R) for a centred camera."""
-    depth = back_project(camera, view, pixels)[:, 0] - view.position
+
+def depth_std(camera: PipeCamera, depth: Array, pixel_std: float) -> Array:
+    """Standard deviation (m) of back-projected depths (n,): Z^2 sigma / (f R), for a camera on the axis."""
     return np.asarray(depth**2 * pixel_std / (np.sqrt(camera.fx * camera.fy) * camera.radius), dtype=np.float64)
 
 
-def grow(camera: PipeCamera, view: View, tracks: Tracks, rows: Index, pixels: Array, pixel_std: float) -> None:
-    """Stretch the extents of ``rows`` towards sightings (n, 2) beyond their ends, slowly: one stray sighting moves little, and
-    one from afar, whose chainage is a guess, nothing to speak of."""
-    if len(rows) == 0:
-        return
-    chainage = back_project(camera, view, pixels)[:, 0]
-    spread = depth_std(camera, view, pixels, pixel_std)
-    gain = GAIN / (1.0 + (spread / EXACT) ** 2)
-    beyond = np.nan_to_num(chainage - tracks.state[rows, 0])
-    tracks.above[rows] += gain * np.maximum(beyond - tracks.above[rows], 0.0)
-    tracks.below[rows] += gain * np.minimum(beyond - tracks.below[rows], 0.0)
+@dataclass(frozen=True)
+class Patches:
+    """What outlines cover on the wall: ``low`` (n,) to ``high`` chainage (m), and how far they reach anticlockwise (``before``
+    <= 0) and clockwise (``after`` >= 0) of the angle of their centroid (rad). nan for an outline that is nowhere."""
+
+    low: Array
+    high: Array
+    before: Array
+    after: Array
+
+
+def wall_patches(
+    camera: PipeCamera, view: View, outlines: Sequence[Sequence[tuple[float, float]]], centroids: Array
+) -> Patches:
+    """The patches of wall inside n outlines of points (u, v), each of at least one, round ``centroids`` (n, 2).
+
+    Points about the focus of expansion, deeper than DEEPEST radii, lie nowhere in particular and are left out.
+    """
+    count = np.array([len(outline) for outline in outlines])
+    start = np.cumsum(count) - count
+    wall = back_project(camera, view, np.array([point for outline in outlines for point in outline], dtype=np.float64))
+    about = np.repeat(back_project(camera, view, centroids)[:, 1], count)
+    nowhere = ~(wall[:, 0] - view.position < DEEPEST * camera.radius)
+    chainage = np.where(nowhere, np.nan, wall[:, 0])
+    turn = np.where(nowhere, np.nan, wrap(wall[:, 1] - about))
+    return Patches(
+        np.fmin.reduceat(chainage, start),
+        np.fmax.reduceat(chainage, start),
+        np.minimum(np.fmin.reduceat(turn, start), 0.0),
+        np.maximum(np.fmax.reduceat(turn, start), 0.0),
+    )
+
+
+def turn_towards(tracks: Tracks, rows: Index, patches: Patches) -> None:
+    """Move the extents round the pipe of ``rows`` (n,) some way towards those of their outlines: all the way for the first."""
+    for have, seen in ((tracks.before, patches.before), (tracks.after, patches.after)):
+        known = np.isfinite(seen)
+        at = rows[known]
+        have[at] += np.where(have[at] == 0.0, 1.0, TURN_GAIN) * (seen[known] - have[at])
+
+
+def grow(
+    camera: PipeCamera, view: View, tracks: Tracks, rows: Index, chainage: Array, pixel_std: float, gain: float = GAIN
+) -> None:
+    """Stretch the extents of ``rows`` towards sightings at ``chainage`` (n,) (m) beyond their ends, slowly: one stray sighting
+    moves little, and one from afar, whose chainage is a guess, nothing to speak of. nan moves nothing."""
+    spread = depth_std(camera, chainage - view.position, pixel_std)
+    share = gain / (1.0 + (spread / EXACT) ** 2)
+    beyond = chainage - tracks.state[rows, 0]
+    known = np.isfinite(beyond)
+    rows, beyond, share = rows[known], beyond[known], share[known]
+    tracks.above[rows] += share * np.maximum(beyond - tracks.above[rows], 0.0)
+    tracks.below[rows] += share * np.minimum(beyond - tracks.below[rows], 0.0)
 
 
 # ---- the extent of a long thing, from all its sightings

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimators.detections import CLASSES
 from estimators.landmarks import association, belief, ekf
-from estimators.landmarks.extent import grow
+from estimators.landmarks.extent import grow, turn_towards, wall_patches
 from estimators.landmarks.projection import NEAREST, PipeCamera, View, back_project, jacobian, project
 from estimators.landmarks.tracks import Seen, Tracks
 from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting, Status
@@ -186,7 +186,8 @@ class Mapper:
         moved = np.minimum(np.abs(view.position - tracks.counted_at[at]), 1.0)
         tracks.covariance[at] = covariance + moved[:, None, None] * np.diag(ekf.WANDER)
         stretch = self._long(at) & tracks.confirmed[at]
-        grow(camera, view, tracks, at[stretch], pixels[fresh][stretch], pixel_std)
+        grow(camera, view, tracks, at[stretch], chainage[fresh][stretch], pixel_std)
+        self._outline(seen, at, which[fresh], pixels[fresh])
 
         tracks.hits[at] += 1
         tracks.run[rows] = np.where(ratio < missed, tracks.run[rows] + 1, 0)
@@ -195,6 +196,20 @@ class Mapper:
         tracks.last_frame[rows] = seen.frame
         tracks.farthest[rows] = np.maximum(tracks.farthest[rows], tracks.state[rows, 0] - view.position)
         self._note(seen, at, which[fresh])
+
+    def _outline(self, seen: Observation, rows: Index, which: Index, pixels: Array) -> None:
+        """Extents along and around the pipe from what the detections ``which`` of the tracks ``rows`` cover on the wall."""
+        assert seen.detections is not None
+        outlines = [seen.detections[k].outline for k in which]
+        drawn = np.array([len(outline) > 0 for outline in outlines], dtype=bool)
+        if not drawn.any():
+            return
+        patches = wall_patches(self.camera, seen.view, [o for o in outlines if o], pixels[drawn])
+        rows = rows[drawn]
+        turn_towards(self.tracks, rows, patches)
+        stretch = self._long(rows) & self.tracks.confirmed[rows]
+        for end in (patches.low, patches.high):
+            grow(self.camera, seen.view, self.tracks, rows[stretch], end[stretch], self.config.pixel_std)
 
     def _note(self, seen: Observation, rows: Index, which: Index) -> None:
         """Keep the sightings, and the one that shows the landmark best: large, and well inside the picture."""
@@ -250,6 +265,8 @@ class Mapper:
             covariance=covariance,
             below=np.zeros(n),
             above=np.zeros(n),
+            before=np.zeros(n),
+            after=np.zeros(n),
             score=np.clip(np.log(expected / self._density(labels)), -8.0, -2.0),
             belief=likely,
             confirmed=np.zeros(n, bool),
@@ -416,8 +433,8 @@ class Mapper:
             covariance=tracks.covariance[row].copy(),
             chainage_from=low,
             chainage_to=high,
-            angle_from=angle,
-            angle_to=angle,
+            angle_from=angle + float(tracks.before[row]),
+            angle_to=angle + float(tracks.after[row]),
             belief=belief.named(self.names, tracks.belief[row], float(tracks.score[row])),
             hits=int(tracks.hits[row]),
             misses=int(tracks.misses[row]),

@@ -33,9 +33,10 @@ class Tracks:
     """All tracks. Arrays of length n, grown by ``append`` and cut by ``keep``.
 
     ``state`` (n, 2) and ``covariance`` (n, 2, 2) of the filter; ``below`` <= 0 and ``above`` >= 0 reach of the extent from its
-    chainage (m); ``score`` the log likelihood ratio of its existence; ``belief`` (n, classes); ``run`` misses in a row;
-    ``burst_*`` see belief.Bursts; ``counted_at`` the camera's position when it last counted as evidence (m), ``hit_at`` when it
-    was last seen; ``farthest`` depth at which it was ever seen (m); ``evidence`` (n, 4) frame, u, v, size of the best sighting.
+    chainage (m), ``before`` <= 0 and ``after`` >= 0 around the pipe (rad); ``score`` the log likelihood ratio of its
+    existence; ``belief`` (n, classes); ``run`` misses in a row; ``burst_*`` see belief.Bursts; ``counted_at`` the camera's
+    position when it last counted as evidence (m), ``hit_at`` when it was last seen; ``farthest`` depth at which it was ever
+    seen (m); ``evidence`` (n, 4) frame, u, v, size of the best sighting.
     """
 
     ids: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -43,6 +44,8 @@ class Tracks:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
     below: Array = field(default_factory=lambda: np.zeros(0))
     above: Array = field(default_factory=lambda: np.zeros(0))
+    before: Array = field(default_factory=lambda: np.zeros(0))
+    after: Array = field(default_factory=lambda: np.zeros(0))
     score: Array = field(default_factory=lambda: np.zeros(0))
     belief: Array = field(default_factory=lambda: np.zeros((0, 0)))
     confirmed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))

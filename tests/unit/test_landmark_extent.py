@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from estimators.landmarks.extent import depth_std, fit_extent, grow
+from estimators.landmarks.extent import Patches, depth_std, fit_extent, grow, turn_towards, wall_patches
 from estimators.landmarks.projection import PipeCamera, View, project
 from estimators.landmarks.tracks import Tracks
 
 CAMERA = PipeCamera(500.0, 500.0, 0.3, 720, 576)
+CENTRE = (360.0, 288.0)
 NEAR, FAR, STD = 150 / 288, 3.0, 15 / 150
 
 
@@ -66,18 +67,44 @@ def test_stray_sightings_do_not_stretch_it() -> None:
 
 def test_an_end_grows_slowly_towards_near_sightings_and_not_to_far_ones() -> None:
     tracks = Tracks(state=np.array([[1.0, 0.0]]), below=np.zeros(1), above=np.zeros(1))
-    rows = np.array([0])
-    near_view, far_view = View(0.6, (360.0, 288.0)), View(-1.7, (360.0, 288.0))
-    beyond = np.array([[1.3, 0.0]])
-    grow(CAMERA, far_view, tracks, rows, project(CAMERA, far_view, beyond), 15.0)
+    rows, beyond = np.array([0]), np.array([1.3])
+    grow(CAMERA, View(-1.7, CENTRE), tracks, rows, beyond, 15.0)
     assert 0.0 < tracks.above[0] < 0.01
     for _ in range(30):
-        grow(CAMERA, near_view, tracks, rows, project(CAMERA, near_view, beyond), 15.0)
+        grow(CAMERA, View(0.6, CENTRE), tracks, rows, beyond, 15.0)
+        grow(CAMERA, View(0.6, CENTRE), tracks, rows, np.array([np.nan]), 15.0)
     assert tracks.above[0] == pytest.approx(0.3, abs=0.01)
     assert tracks.below[0] == 0.0
 
 
 def test_depth_is_known_worse_with_its_square() -> None:
-    view = View(0.0, (360.0, 288.0))
-    std = depth_std(CAMERA, view, project(CAMERA, view, np.array([[1.0, 0.7], [3.0, 0.7]])), 15.0)
-    np.testing.assert_allclose(std, [0.1, 0.9])
+    np.testing.assert_allclose(depth_std(CAMERA, np.array([1.0, 3.0]), 15.0), [0.1, 0.9])
+
+
+def test_an_outline_covers_the_patch_of_wall_it_was_drawn_round() -> None:
+    view = View(1.0, CENTRE, (0.02, -0.03))
+    corners = np.array([[1.8, 3.0], [2.4, 3.0], [2.4, 3.6], [1.8, 3.6]])  # across the seam of the angle at pi
+    others = np.array([[3.0, 0.1], [3.2, 0.3]])
+    about = project(CAMERA, view, np.array([[2.0, 3.3], [3.1, 0.2]]))
+    outlines = [[(float(u), float(v)) for u, v in project(CAMERA, view, points)] for points in (corners, others)]
+    outlines[0].append((CENTRE[0] + 0.5, CENTRE[1]))  # next to the focus of expansion: nowhere
+    found = wall_patches(CAMERA, view, outlines, about)
+    np.testing.assert_allclose(found.low, [1.8, 3.0])
+    np.testing.assert_allclose(found.high, [2.4, 3.2])
+    np.testing.assert_allclose(found.before, [-0.3, -0.1])
+    np.testing.assert_allclose(found.after, [0.3, 0.1])
+    lost = wall_patches(CAMERA, view, [[(CENTRE[0] + 0.5, CENTRE[1])]], about[:1])
+    assert np.isnan([lost.low[0], lost.before[0]]).all()
+
+
+def test_extent_round_the_pipe_starts_at_the_first_outline_and_follows_the_others() -> None:
+    tracks = Tracks(state=np.zeros((1, 2)), before=np.zeros(1), after=np.zeros(1))
+    rows = np.array([0])
+    none = np.array([np.nan])
+    turn_towards(tracks, rows, Patches(none, none, np.array([-0.4]), np.array([0.6])))
+    assert (tracks.before[0], tracks.after[0]) == (-0.4, 0.6)
+    turn_towards(tracks, rows, Patches(none, none, none, none))
+    assert (tracks.before[0], tracks.after[0]) == (-0.4, 0.6)
+    for _ in range(60):
+        turn_towards(tracks, rows, Patches(none, none, np.array([-0.2]), np.array([0.8])))
+    assert (tracks.before[0], tracks.after[0]) == (pytest.approx(-0.2, abs=1e-3), pytest.approx(0.8, abs=1e-3))

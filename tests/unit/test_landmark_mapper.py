@@ -139,6 +139,26 @@ def test_a_long_deposit_is_one_landmark_with_an_extent() -> None:
     assert found.angle == pytest.approx(INVERT, abs=0.05)
 
 
+def test_outlines_give_the_extent_round_the_pipe_and_along_it() -> None:
+    rng = np.random.default_rng(10)
+
+    def patch(_: int, x: float) -> list[Detection]:
+        low, high = max(4.0, x + 0.55), min(5.0, x + 3.0)
+        if high - low < 0.05:
+            return []
+        edge = np.array([[c, INVERT + t] for c in (low, high) for t in (-0.5, 0.0, 0.5)])
+        points = project(CAMERA, View(x, CENTRE), edge) + rng.normal(0, 3.0, (6, 2))
+        u, v = points.mean(axis=0)
+        outline = tuple((float(a), float(b)) for a, b in points)
+        return [Detection(float(u), float(v), "deposit", 1.0, 900.0, outline)]
+
+    found = only(drive(np.arange(0, 6, 0.015), patch).landmarks())
+    assert found.angle_from == pytest.approx(INVERT - 0.5, abs=0.1)
+    assert found.angle_to == pytest.approx(INVERT + 0.5, abs=0.1)
+    assert found.chainage_from == pytest.approx(4.0, abs=0.1)
+    assert found.chainage_to == pytest.approx(5.0, abs=0.1)
+
+
 def test_status_goes_from_candidate_to_confirmed_to_passed_and_finish_drops_candidates() -> None:
     rng = np.random.default_rng(9)
     mapper = Mapper(CAMERA)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.landmarks import belief
 from estimators.landmarks.mapper import MapperConfig, thumbnail_size
@@ -23,6 +24,8 @@ from estimators.landmarks.refine.judge import judge, shows_in
 from estimators.landmarks.refine.own import own
 from estimators.landmarks.refine.run import Run, Spot, lay_out
 from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
+
+Array = NDArray[np.float64]
 
 ROUNDS = 3
 LEAST = 3
@@ -126,8 +129,8 @@ def _landmark(
         covariance=spot.covariance,
         chainage_from=spot.low,
         chainage_to=spot.high,
-        angle_from=spot.angle,
-        angle_to=spot.angle,
+        angle_from=spot.angle + _around(run.detections.before[spot.rows]),
+        angle_to=spot.angle + _around(run.detections.after[spot.rows]),
         belief=belief.named(run.names, spot.belief, score),
         hits=seen,
         misses=missed,
@@ -136,3 +139,9 @@ def _landmark(
         evidence=Evidence(shown.frame, shown.u, shown.v, sizes[best]),
         sightings=sightings,
     )
+
+
+def _around(reach: Array) -> float:
+    """Median reach round the pipe (rad) of those outlines there are, 0 without."""
+    known = reach[np.isfinite(reach)]
+    return float(np.median(known)) if len(known) else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.landmarks import belief
+from estimators.landmarks.extent import wall_patches
 from estimators.landmarks.mapper import MapperConfig
 from estimators.landmarks.projection import NEAREST, PipeCamera
 from estimators.landmarks.types import Observation
@@ -31,6 +32,9 @@ class Detections:
     inverse_depth: Array
     """1/Z (1/m) on the wall (eq. 20)."""
     angle: Array
+    before: Array
+    after: Array
+    """How far each reaches round the pipe of its angle (rad), nan where it has no outline."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,17 @@ def _detections(camera: PipeCamera, observations: Sequence[Observation], frames:
     rho2 = np.maximum(a * a + b * b, 1e-12)
     depth = (along + np.sqrt(along**2 + rho2 * (camera.radius**2 - (axis**2).sum(axis=1)))) / rho2
     angle = np.arctan2(b * depth - axis[:, 1], a * depth - axis[:, 0])
-    return Detections(frame, pixels, table[:, 3].astype(np.intp), table[:, 4], 1.0 / depth, angle)
+    before, after = np.full((2, len(frame)), np.nan)
+    row = 0
+    for observation in observations:
+        found = observation.detections or ()
+        drawn = [k for k, d in enumerate(found) if d.outline]
+        if drawn:
+            centroids = pixels[[row + k for k in drawn]]
+            patches = wall_patches(camera, observation.view, [found[k].outline for k in drawn], centroids)
+            before[[row + k for k in drawn]], after[[row + k for k in drawn]] = patches.before, patches.after
+        row += len(found)
+    return Detections(frame, pixels, table[:, 3].astype(np.intp), table[:, 4], 1.0 / depth, angle, before, after)
 
 
 def predict(run: Run, which: Index, chainage: Array, angle: Array | float) -> tuple[Array, Array]:
