@@ -22,6 +22,11 @@ class Tap(Generic[S]):
         self.dropped = 0
         """Samples that were pushed out by newer ones before anybody fetched them."""
 
+    @property
+    def waiting(self) -> int:
+        """How many samples nobody has fetched yet."""
+        return len(self._samples)
+
     def offer(self, sample: S) -> None:
         """Called by the feed."""
         with self._condition:

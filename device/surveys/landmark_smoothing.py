@@ -35,9 +35,9 @@ TETHER = Known(1.0, 0.01)
 """Metres travelled per metre counted, where nothing better than the tether itself is known."""
 LENGTH_STD = 0.03
 """Of the length from node to node that somebody states (m)."""
-TRUSTED = 0.5
+TRUSTED = 0.9
 """Probability from which a slip is told."""
-LEAST_SLIP_M = 0.05
+LEAST_SLIP_M = 0.15
 MOST_FRAMES = 6000
 """Beyond this many the frames without detections are thinned out: they only carry the tether."""
 

@@ -65,6 +65,7 @@ class Bench:
         self.step = threading.Condition()
         self._pictures = _Pictures()
         self.tether: Tether | None = None
+        self.feed: GrabberFeed | None = None
         self.device = Device(
             Settings(data_dir=folder), feeds=[], pool=WorkerPool(1), clock=Clock(folder / "x"), crawler=self._crawler
         )
@@ -74,18 +75,26 @@ class Bench:
     def _crawler(self, store: Store) -> Crawler:
         grabber = GrabberFeed("bench CCTV", "virtual", lambda: self.grabber, timing=TIMING)
         feed = EncoderFeed("bench tether", "virtual", lambda: self.encoder, timing=TIMING)
+        self.feed = grabber
         self.tether = Tether(feed, store.remembered, COUNTS_PER_METRE)
         return Crawler(grabber, self.tether, None, lambda: Truth(self), Optics((CAMERA.fx, CAMERA.fy), CENTRE), CAMERA.radius)
 
     def tick(self) -> tuple[float, NDArray[np.uint8]]:
         """The next moment: its time and its picture."""
         time.sleep(self.period_s)
+        self._wait_for_the_survey()
         with self.step:
             self.time_s += 1 / FPS
             if self.moving:
                 self.position += self.speed / FPS
             self.step.notify_all()
         return self.time_s, self._pictures.at(self.position)
+
+    def _wait_for_the_survey(self) -> None:
+        """However slow the machine is, no picture is lost for it: the next one comes when the last one was taken."""
+        feed, deadline = self.feed, time.monotonic() + 1.0
+        while feed is not None and any(tap.waiting for tap in list(feed._taps)) and time.monotonic() < deadline:
+            time.sleep(0.001)
 
     def up(self) -> Bench:
         """Wait until pictures and distances come."""

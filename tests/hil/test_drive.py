@@ -85,7 +85,7 @@ def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path:
     check(found, 0.0)
     assert (found["state"], found["smoothed"], found["radius_m"]) == ("saved", True, 0.15)
     assert found["to_m"] == pytest.approx(END_M, abs=0.5)
-    assert found["faults"] == []
+    assert [fault for fault in found["faults"] if fault["what"] != "slip_found"] == []
     for row in found["landmarks"]:
         thumbnail = box.device.thumbnail(survey_id, row["id"])
         assert thumbnail is not None
