@@ -82,9 +82,7 @@ def _print(result: JointMap, count: int, seconds: float) -> None:
         before = joint.chainage
     print_table("Joints of cctv_run", ("counter", "to the one before", "sightings", "radius px", "median spread"), rows)
     aspects = [s.ring.across / s.ring.upright for joint in joints for s in joint.sightings]
-    print(
-        f"{len(joints)} joints between {RANGE[0]} and {RANGE[1]} from {count} pictures, {1000 * seconds / count:.0f} ms a picture"
-    )
+    print(f"{len(joints)} joints between {RANGE[0]} and {RANGE[1]} from {count} pictures, {1000 * seconds / count:.0f} ms each")
     print(f"median spread of the sightings of one joint: {np.median([joint.spread for joint in joints]):.3f}")
     if result.focal_radius is not None:
         print(f"f R: {result.focal_radius.value:.1f} px units, sigma {result.focal_radius.sigma:.1f}")
