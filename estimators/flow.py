@@ -29,8 +29,8 @@ class FlowConfig:
 
 @dataclass(frozen=True)
 class Flow:
-    """``points`` (n, 2) half way between both pictures and ``motion`` (n, 2), in px of the picture. ``tried`` points were
-    followed, so that 1 - n / tried were lost. ``span`` is how many pictures apart both are."""
+    """``points`` (n, 2) half way between both pictures and ``motion`` (n, 2), in px of the picture. ``tried`` points had
+    texture to be followed by, so that 1 - n / tried were lost. ``span`` is how many pictures apart both are."""
 
     points: Array
     motion: Array
@@ -56,14 +56,14 @@ def flow(previous: Gray, current: Gray, config: FlowConfig | None = None) -> Flo
     )
     kept = ok.ravel() == 1
     if not kept.any():
-        return Flow(NO_FLOW.points, NO_FLOW.motion, len(start))
+        return NO_FLOW
     start, found = start[kept], found[kept]
     back, ok, _ = cv2.calcOpticalFlowPyrLK(
         current, previous, found, start.copy(), winSize=window, maxLevel=config.levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
     )
     same = (ok.ravel() == 1) & (np.hypot(*(back - start).reshape(-1, 2).T) < config.agreement)
     first, second = (points[same].reshape(-1, 2).astype(np.float64) for points in (start, found))
-    return Flow(0.5 * (first + second), second - first, len(kept))
+    return Flow(0.5 * (first + second), second - first, len(start))
 
 
 def _grid(shape: tuple[int, ...], spacing: int) -> NDArray[np.float32]:
