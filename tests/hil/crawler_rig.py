@@ -34,7 +34,7 @@ from estimators.landmarks.projection import PipeCamera, View, project
 
 CAMERA = PipeCamera(170.0, 170.0, 0.15, 240, 192)
 CENTRE = (119.5, 95.5)
-TIMING = FeedTiming(read_s=0.4, read_limit_s=2.0, stale_s=0.5, back_off_s=(0.05, 0.1), faults_before_reopen=2)
+TIMING = FeedTiming(read_s=3.0, read_limit_s=10.0, stale_s=5.0, back_off_s=(0.05, 0.1), faults_before_reopen=2)
 FPS = 25.0
 COUNTS_PER_METRE = 1000.0
 SIGHT_M = (0.12, 1.4)
