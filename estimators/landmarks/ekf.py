@@ -70,8 +70,10 @@ def update(
 def inverse2(matrices: Array) -> Array:
     """Inverse of (..., 2, 2), much cheaper than the general one for many small ones."""
     a, b, c, d = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1]
-    adjugate = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
-    return np.asarray(adjugate / (a * d - b * c)[..., None, None], dtype=np.float64)
+    inverse = np.empty(matrices.shape)
+    inverse[..., 0, 0], inverse[..., 0, 1], inverse[..., 1, 0], inverse[..., 1, 1] = d, -b, -c, a
+    inverse /= (a * d - b * c)[..., None, None]
+    return inverse
 
 
 def wrap(angle: Array) -> Array:

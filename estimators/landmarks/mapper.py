@@ -20,6 +20,9 @@ from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+MERGE_EVERY = 4
+"""Doubles are looked for in every so many-th frame."""
+
 
 @dataclass(frozen=True)
 class MapperConfig:
@@ -60,6 +63,7 @@ class Mapper:
         self.matched: Index = np.zeros(0, dtype=np.intp)
         """Rows of ``tracks`` that were seen in the last frame."""
         self._confusion = belief.confusion(len(self.names), self.config.right_label)
+        self._long_class = self._long_classes()
         self._next_id = 1
         self._frames = 0
         self._false = np.zeros(len(self.names))
@@ -81,7 +85,9 @@ class Mapper:
         rows, columns, rival, spare = self._associate(seen, pixels, labels, active)
         self.matched = active[columns]
         self._hit(seen, pixels[rows], labels[rows], rival, self.matched, rows)
-        self._miss(seen, np.setdiff1d(active, self.matched, assume_unique=True))
+        unseen = np.ones(len(active), dtype=bool)
+        unseen[columns] = False
+        self._miss(seen, active[unseen])
         self._start(seen, pixels, labels, spare)
         self._manage(seen)
 
@@ -144,11 +150,12 @@ class Mapper:
         shift = np.stack([offset, np.zeros_like(offset)], axis=1)
         pixel_std, centre_std, position_std = self._noise(seen)
         target = tracks.state[rows] + shift
-        from_track = association.gate(
-            camera, view, target, tracks.covariance[rows], pixels, (0 * offset, 0 * offset), self._noise(seen), np.inf
-        )
-        index = np.arange(len(rows))
-        distance2, log_det = from_track.distance2[index, index], from_track.log_det[index, index]
+        jac = jacobian(camera, view, target)
+        noise = ekf.measurement_noise(jac, pixel_std, centre_std, position_std)
+        innovation = pixels - project(camera, view, target)
+        spread = jac @ tracks.covariance[rows] @ np.swapaxes(jac, 1, 2) + noise
+        distance2 = np.einsum("ni,nij,nj->n", innovation, ekf.inverse2(spread), innovation)
+        log_det = np.log(spread[:, 0, 0] * spread[:, 1, 1] - spread[:, 0, 1] ** 2)
 
         label = self._confusion[:, labels].T
         length = np.hypot(*(self._ends(rows, view, tracks.above) - self._ends(rows, view, tracks.below)).T)
@@ -176,11 +183,8 @@ class Mapper:
 
         fresh = weight > 0.2
         at = rows[fresh]
-        jac_noise = (
-            ekf.measurement_noise(jacobian(camera, view, target[fresh]), pixel_std, centre_std, position_std)
-            / np.maximum(weight[fresh], 0.2)[:, None, None]
-        )
-        state, covariance = ekf.update(camera, view, target[fresh], tracks.covariance[at], pixels[fresh], jac_noise)
+        stale = np.maximum(weight[fresh], 0.2)[:, None, None]
+        state, covariance = ekf.update(camera, view, target[fresh], tracks.covariance[at], pixels[fresh], noise[fresh] / stale)
         tracks.state[at] = state - shift[fresh]
         tracks.state[at, 1] = ekf.wrap(tracks.state[at, 1])
         moved = np.minimum(np.abs(view.position - tracks.counted_at[at]), 1.0)
@@ -301,7 +305,8 @@ class Mapper:
         forgotten = np.abs(seen.view.position - tracks.hit_at) > config.forget
         gone = tracks.state[:, 0] < seen.view.position + NEAREST
         self._drop(~tracks.confirmed & ((tracks.score < config.drop) | forgotten | gone))
-        self._merge(seen)
+        if self._frames % MERGE_EVERY == 0:
+            self._merge(seen)
 
     def _drop(self, rows: NDArray[np.bool_]) -> None:
         """Forget tracks; what they had seen were false detections."""
@@ -330,7 +335,7 @@ class Mapper:
         distance2 = inverse[..., 0, 0] * apart**2 + 2 * inverse[..., 0, 1] * apart * turn + inverse[..., 1, 1] * turn**2
         distance2 = np.where(overlap, turn**2 / joint[..., 1, 1], distance2)
         alike = tracks.belief[near] @ tracks.belief[near].T > 0.4
-        both = np.isin(tracks.last_frame[near], seen.frame)
+        both = tracks.last_frame[near] == seen.frame
         two = both[:, None] & both[None] & ~(long[:, None] & long[None])
         same = np.triu((distance2 < 2.5) & alike & ~two, 1)
         if not same.any():
@@ -364,8 +369,12 @@ class Mapper:
             self.names.append(name)
             self._confusion = belief.confusion(len(self.names), self.config.right_label)
             self._false = np.append(self._false, 0.0)
+            self._long_class = self._long_classes()
             self.tracks.widen(len(self.names))
         return self.names.index(name)
+
+    def _long_classes(self) -> Array:
+        return np.array([name in self.config.long_classes for name in self.names], dtype=np.float64)
 
     def _noise(self, seen: Observation) -> tuple[float, float, float]:
         return self.config.pixel_std, seen.centre_std, seen.position_std
@@ -381,8 +390,7 @@ class Mapper:
 
     def _long(self, rows: Index) -> NDArray[np.bool_]:
         """Which tracks are likely something long."""
-        columns = [k for k, name in enumerate(self.names) if name in self.config.long_classes]
-        return np.asarray(self.tracks.belief[rows][:, columns].sum(axis=1) > 0.5, dtype=bool)
+        return np.asarray(self.tracks.belief[rows] @ self._long_class > 0.5, dtype=bool)
 
     def _ends(self, rows: Index, view: View, reach: Array) -> Array:
         """Pixels (n, 2) of one end of the extents, no nearer than a camera sees."""

@@ -44,7 +44,9 @@ def project(camera: PipeCamera, view: View, states: Array) -> Array:
     depth = np.where(depth > NEAREST, depth, np.nan)
     x = view.axis[0] + camera.radius * np.cos(states[:, 1])
     y = view.axis[1] + camera.radius * np.sin(states[:, 1])
-    return np.stack([view.centre[0] + camera.fx * x / depth, view.centre[1] + camera.fy * y / depth], axis=1)
+    pixels = np.empty((len(states), 2))
+    pixels[:, 0], pixels[:, 1] = view.centre[0] + camera.fx * x / depth, view.centre[1] + camera.fy * y / depth
+    return pixels
 
 
 def jacobian(camera: PipeCamera, view: View, states: Array) -> Array:
@@ -53,9 +55,10 @@ def jacobian(camera: PipeCamera, view: View, states: Array) -> Array:
     depth = np.where(depth > NEAREST, depth, np.nan)
     cos, sin = np.cos(states[:, 1]), np.sin(states[:, 1])
     x, y = view.axis[0] + camera.radius * cos, view.axis[1] + camera.radius * sin
-    along = np.stack([-camera.fx * x / depth**2, -camera.fy * y / depth**2], axis=1)
-    around = np.stack([-camera.fx * camera.radius * sin / depth, camera.fy * camera.radius * cos / depth], axis=1)
-    return np.stack([along, around], axis=2)
+    found = np.empty((len(states), 2, 2))
+    found[:, 0, 0], found[:, 1, 0] = -camera.fx * x / depth**2, -camera.fy * y / depth**2
+    found[:, 0, 1], found[:, 1, 1] = -camera.fx * camera.radius * sin / depth, camera.fy * camera.radius * cos / depth
+    return found
 
 
 def back_project(camera: PipeCamera, view: View, pixels: Array) -> Array:

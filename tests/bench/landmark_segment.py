@@ -156,6 +156,7 @@ def record(title: str, part: slice, seeds: int, laws: Sequence[str], means: Sequ
                 landmarks = map_detections(table_rows(seen, shown, times, centres), RIG)
                 tally.add(truths, landmarks, time.process_time() - started)
             rows.append(_row(f"{law}, {mean}", tally))
+            print(f"  {rows[-1][0]}: {rows[-1][1]} complete, {rows[-1][4]} false a run", flush=True)
     print_table(f"{title}, {seeds} seeds", _HEADER, rows)
     print_table(
         "Precision and recall reached (Table II)",
