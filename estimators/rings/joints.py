@@ -30,6 +30,9 @@ class JointConfig:
     """Error of a position: the counter's step, and the time between counter and picture."""
     relative_std: float = 0.006
     """Error of a ring's radius that its own std does not know."""
+    common_std: float = 0.015
+    """Relative error that the radii of all rings of a run share (which edge of a joint shows, the lens): F's sigma has it, as
+    no number of sightings tells it."""
     gate: float = 3.0
     fewest: int = 3
     """Sightings of an accepted joint, from different positions."""
@@ -137,6 +140,7 @@ class RingMap:
         joints = _joints(seen, self._seen, focal, places, owner, self._config)
         if self._known is not None:
             return JointMap(joints, self._known)
+        sigma = float(np.hypot(sigma, self._config.common_std * focal))
         return JointMap(joints, FocalRadius(focal, sigma) if joints else None)
 
 

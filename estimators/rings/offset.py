@@ -19,6 +19,8 @@ _LEVER = 1.2
 """Ratio of the largest to the smallest radius that tells a slope."""
 _SLOPE_STD = 0.3
 """Prior of e / R: a camera is seldom further off the axis."""
+_MOST = 0.6
+"""Of e / R: what leans more are not rings of one pipe, or the camera is panned."""
 
 
 @dataclass(frozen=True)
@@ -31,21 +33,28 @@ class AxisView:
     lean: Array
 
 
-def axis_view(rings: Sequence[Ring], centre_std: float = 1.5) -> AxisView | None:
+def axis_view(
+    rings: Sequence[Ring], centre_std: float = 1.5, foe: tuple[tuple[float, float], float] | None = None
+) -> AxisView | None:
     """Centre and lean by weighted least squares over the ``rings`` of one picture; None where they do not tell a slope.
 
-    ``centre_std`` (px) is what a ring's centre errs by beside its radius' own error.
+    ``centre_std`` (px) is what a ring's centre errs by beside its radius' own error. ``foe`` is the focus of expansion (px) as
+    flow tells it, with its standard deviation (px): it is a ring of radius 0, and beside it one ring is enough.
     """
-    if len(rings) < 2:
+    if len(rings) < (2 if foe is None else 1):
         return None
     radius = np.array([ring.radius for ring in rings])
-    if radius.max() < _LEVER * radius.min():
+    if foe is None and radius.max() < _LEVER * radius.min():
         return None
     # the share of the error that grows with the ring: neither pipe nor lens is perfect
     std = np.sqrt(centre_std**2 + np.array([ring.std for ring in rings]) ** 2 + (0.01 * radius) ** 2)
+    centres = np.array([ring.centre for ring in rings])
+    if foe is not None:
+        radius, std, centres = np.append(radius, 0.0), np.append(std, max(foe[1], 1e-3)), np.vstack([centres, foe[0]])
     design = np.stack([np.ones_like(radius), radius], axis=1) / std[:, None]
     information = design.T @ design + np.diag([0.0, _SLOPE_STD**-2])
-    centres = np.array([ring.centre for ring in rings]) / std[:, None]
-    solution = np.linalg.solve(information, design.T @ centres)
+    solution = np.linalg.solve(information, design.T @ (centres / std[:, None]))
+    if np.hypot(*solution[1]) > _MOST:
+        return None
     variance = float(np.linalg.inv(information)[0, 0])
     return AxisView(solution[0], variance * np.eye(2), solution[1])

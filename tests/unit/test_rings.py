@@ -105,6 +105,17 @@ def test_centre_and_lean_from_two_rings() -> None:
     assert view.lean == pytest.approx(lean, abs=0.01)
 
 
+def test_one_ring_beside_the_focus_of_expansion_tells_the_lean() -> None:
+    view = axis_view([ring(120, (350 + 12, 290 - 24))], foe=((350.0, 290.0), 2.0))
+    assert view is not None
+    assert view.lean == pytest.approx([0.1, -0.2], abs=0.02)
+    assert view.centre == pytest.approx([350, 290], abs=1)
+
+
+def test_rings_that_lean_too_much_are_not_of_one_pipe() -> None:
+    assert axis_view([ring(30, (300, 300)), ring(60, (340, 300))]) is None
+
+
 def test_one_ring_or_two_alike_tell_no_lean() -> None:
     assert axis_view([ring(50)]) is None
     assert axis_view([ring(50), ring(52)]) is None
