@@ -19,6 +19,13 @@ STATES = [
     "/surveys empty",
     "/surveys/accept",
     "/surveys/retry",
+    "/drive",
+    "/drive driving",
+    "/drive mark",
+    "/drive counter",
+    "/surveys/map",
+    "/surveys/map landmark",
+    "/surveys/map 3d",
     "/nothing",
 ]
 CONTRAST_OF = """() => {
@@ -69,11 +76,15 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
     pipe = device.create_pipe({"name": "P" * 80, "material": "ductile iron", "shape": "egg", "reference_dn": 1100, "note": ""})[
         "id"
     ]
-    if path.startswith("/surveys/"):
+    if path == "/surveys/map":
+        device.befall("slip", "The counter stands still but the picture moves.")
+        path = f"/surveys/{device.add_drive(pipe)}"
+    elif path.startswith("/surveys/"):
         path = f"/surveys/{device.add_survey(None, pipe, 'top', path.rsplit('/', 1)[1])}"
     elif path == "/surveys" and not state:
         device.add_survey(None, pipe, "top", "accept")
         device.add_survey(None, pipe, "top", "second")
+        device.add_drive(pipe, "interrupted")
         path = "/surveys?deleted=9"
     if state in ("poor", "lost"):
         device.scene = state
@@ -85,6 +96,25 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
         device.seconds = 30
         page.click("#start")
         expect(page.locator("#running")).to_be_visible()
+    if path == "/drive":
+        device.add_drive(pipe, "interrupted")
+        expect(page.locator("#view-cctv")).to_have_attribute("data-state", "live")
+        page.select_option("#pipe", str(pipe))
+    if state in ("driving", "mark"):
+        device.metres_per_second = 20
+        page.click("#start")
+        expect(page.locator(".lm-row").first).to_be_visible()
+    if state == "mark":
+        page.click("#mark")
+    if state == "counter":
+        page.click("#counter-details summary")
+    if state == "landmark":
+        page.locator(".lm-row[data-id='5']").click()
+        page.click("#lm-confirm")
+        expect(page.locator("#lm-undo")).to_be_visible()
+    if state == "3d":
+        page.click("#pipe3d-show")
+        expect(page.locator("#pipe3d canvas")).to_be_focused()
     if state == "dialog":
         page.click("#pipe-edit")
     expect(page.locator("#health-text")).not_to_have_text("Box")

@@ -48,9 +48,17 @@ def all_pages(device: FakeDevice) -> list[str]:
     numbers = [device.add_survey(None, pipe, "top", outcome) for outcome in ("accept", "retry", "second")]
     answers = {"image_good": False, "cloud_is_pipe": None, "fit_aligned": True, "verdict": "retry", "by": NASTY, "note": NASTY}
     device.answer(numbers[0], answers)
-    return ["/", "/surveys", f"/?second={numbers[2]}", f"/?pipe={pipe}", "/surveys?deleted=3", "/nothing"] + [
-        f"/surveys/{number}" for number in numbers
-    ]
+    drive = device.add_drive(pipe, "interrupted")
+    return [
+        "/",
+        "/drive",
+        f"/surveys/{drive}",
+        "/surveys",
+        f"/?second={numbers[2]}",
+        f"/?pipe={pipe}",
+        "/surveys?deleted=3",
+        "/nothing",
+    ] + [f"/surveys/{number}" for number in numbers]
 
 
 def test_no_page_holds_inline_code_or_foreign_addresses(client: FlaskClient, device: FakeDevice) -> None:

@@ -57,7 +57,7 @@ function showFeed(name, source, fine, title) {
   setIcon(chip, !source ? "dot" : state === "good" ? "accept" : state === "bad" ? "cross" : "warning");
   if (!source) setText(byId(`${name}-text`), name === "encoder" ? "No counter on the tether" : "No CCTV grabber");
   else if (lost) setText(byId(`${name}-text`), `${title}: no link`);
-  else setText(byId(`${name}-text`), source.state === "resting" ? `${title} resting` : `${title} ${known.word}, ${age(grown(source))} ago`);
+  else setText(byId(`${name}-text`), source.state === "resting" || grown(source) === null ? `${title} ${known.word}` : `${title} ${known.word}, ${age(grown(source))} ago`);
 }
 
 let spokenState = "";

@@ -56,7 +56,7 @@ export function chainageText({ chainage_m: from, chainage_to_m: to }) {
 }
 
 export function whereText(view) {
-  if (view.clock === null) return "all round";
+  if (view.clock === null) return "clock not known";
   return view.reach >= LEAST_REACH_H ? `${clockText(view.clock)} to ${clockText(view.clock_to)}` : clockText(wrapHour(view.clock + view.reach / 2));
 }
 
@@ -64,8 +64,10 @@ export const sigmaText = (metres) => (metres === null || metres === undefined ? 
 
 export const isExtent = (view) => view.chainage_to_m - view.chainage_m >= LEAST_LENGTH_M || view.reach >= LEAST_REACH_H;
 
+export const seenText = ({ hits, misses }) => `${hits} ${hits === 1 ? "hit" : "hits"}, ${misses} ${misses === 1 ? "miss" : "misses"}`;
+
 // One line for screen readers and titles.
-export const spoken = (view) => `${sentence(view.class)} at ${chainageText(view)}, ${view.clock === null ? "clock not known" : `clock ${whereText(view)}`}, ${view.rejected ? "rejected" : view.status}`;
+export const spoken = (view) => `${sentence(view.class)} at ${chainageText(view)}, ${view.clock === null ? "" : "clock "}${whereText(view)}, ${view.rejected ? "rejected" : view.status}`;
 
 // What the operator types: a comma counts as a point; nothing is null; NaN is a slip.
 export function readNumber(text) {

@@ -2,7 +2,7 @@
 
 import { ask } from "./api.js";
 import { announce, byId, html, setText, showFailure, toast } from "./dom.js";
-import { HALF_HOURS, NOTHING, chainageText, className, clockText, metresText, readNumber, sentence, shown, sigmaText, whereText } from "./drive_words.js";
+import { HALF_HOURS, NOTHING, chainageText, className, clockText, metresText, readNumber, seenText, sentence, shown, sigmaText, whereText } from "./drive_words.js";
 import { recall, remember } from "./operator.js";
 
 const percent = (share) => (share > 0.995 && share < 1 ? "> 99 %" : share > 0 && share < 0.005 ? "< 1 %" : `${Math.round(share * 100)} %`);
@@ -50,9 +50,9 @@ export class LandmarkPanel {
     this.picture(landmark);
     const facts = [
       ["Chainage", chainageText(view)],
-      ["Clock", whereText(view)],
+      ["Clock", view.clock === null ? "not known" : whereText(view)],
       ["Sure to", [sigmaText(landmark.sigma_chainage_m), landmark.sigma_clock === null ? "" : `± ${Math.round(landmark.sigma_clock * 60)} min of the clock`].filter(Boolean).join(", ") || "not known"],
-      ["Seen", landmark.marked_by_hand ? "marked by hand" : `${landmark.hits} hits, ${landmark.misses} misses, ${landmark.status}`],
+      ["Seen", landmark.marked_by_hand ? "marked by hand" : `${seenText(landmark)}, ${landmark.status}`],
     ];
     if (landmark.corrected) facts.push(["Measured", `${landmark.class}, ${chainageText(shown({ ...landmark, corrected: null }))}, ${whereText(shown({ ...landmark, corrected: null }))}`]);
     const key = JSON.stringify(facts);
