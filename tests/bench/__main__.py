@@ -19,6 +19,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("osd", (), ("--searches", "3")),
     ("cctv_run", (), ()),
     ("foe", (), ("--seeds", "2")),
+    ("drive_cost", (), ("--frames", "200", "--runs", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
     ("landmark_smoothing_peers", (), ()),
 )
