@@ -9,7 +9,7 @@ shift (pitch and yaw), a roll, and the slope that a camera off the axis brings, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,15 @@ class FoeConfig:
     """Share of the common shift in all motion above which the camera turns."""
     alike: float = 3.0
     """How many neighbouring flows err as one."""
+    aspect: float = 1.0
+    """fx / fy: see ``video_aspect`` where the camera is not known."""
+
+
+def video_aspect(width: int, height: int) -> float:
+    """fx / fy of a camera that is not known, by the size of its picture (px): the sizes of analogue video (PAL, NTSC and
+    halves of them) hold 4 : 3 in pixels that are not square, all others are taken as square."""
+    analogue = (width, height) in {(w, h) for w in (704, 720) for h in (576, 480)} | {(352, 288), (352, 240)}
+    return 0.75 * width / height if analogue else 1.0
 
 
 def paper_foe(flow: Flow, rng: np.random.Generator, config: FoeConfig | None = None) -> Foe | None:
@@ -112,76 +121,88 @@ def estimate(flow: Flow, rng: np.random.Generator, config: FoeConfig | None = No
     config = config or FoeConfig()
     if len(flow.points) < FEWEST or flow.length < config.still:
         return None
-    if around is not None:
-        found = _fit(flow, around, config)
-        if found is not None and found.inlier_share > config.plenty:
-            return found
-    first = paper_foe(flow, rng, config)
-    return None if first is None else _fit(flow, first.centre, config)
+    square = np.array([1.0, config.aspect])
+    seen = Flow(flow.points * square, flow.motion * square, flow.tried, flow.span)
+    found = None if around is None else _fit(seen, around * square, config)
+    if found is None or found.inlier_share < config.plenty:
+        first = paper_foe(seen, rng, config)
+        again = None if first is None else _fit(seen, first.centre, config)
+        if found is None or (again is not None and again.inlier_share > found.inlier_share):
+            found = again
+    if found is None:
+        return None
+    covariance = found.covariance / np.outer(square, square)
+    return replace(
+        found, centre=found.centre / square, covariance=covariance, shift=(found.shift[0], found.shift[1] / square[1])
+    )
 
 
 def _fit(flow: Flow, start: Array, config: FoeConfig) -> Foe | None:
     """Robust Gauss-Newton on [c_u, c_v, k, shift_u, shift_v, roll, slope_u, slope_v]."""
-    points, motion = flow.points, flow.motion
+    points, motion = np.ascontiguousarray(flow.points.T), np.ascontiguousarray(flow.motion.T)
     x = np.zeros(8)
     x[:2] = start
-    away = np.hypot(*(points - start).T)
-    outward = np.einsum("ij,ij->i", points - start, motion) / np.maximum(away, 1.0)
-    x[2] = float(np.median(outward / np.maximum(away, 10.0) ** 2))
+    d = points - start[:, None]
+    away = np.hypot(d[0], d[1])
+    x[2] = float(np.median((d * motion).sum(axis=0) / np.maximum(away, 1.0) / np.maximum(away, 10.0) ** 2))
     scale = config.shift_std * flow.span, config.roll_std * flow.span
     prior = np.array([0, 0, 0, scale[0] ** -2, scale[0] ** -2, scale[1] ** -2, config.slope_std**-2, config.slope_std**-2])
     units = np.array([1, 1, 1e-5, 1, 1, 1e-3, 1, 1])  # of the parameters, so that the equations are well scaled
-    sigma = np.full(len(points), config.noise)
-    weight = np.ones(len(points))
+    # long flows err by a share of their length as well
+    sigma = np.hypot(config.noise, 0.03 * np.hypot(motion[0], motion[1]))
     information = np.eye(8)
     for step in range(10):
         model, jacobian = _model(points, x)
         residual = motion - model
-        # long flows err by a share of their length as well
-        sigma = np.hypot(config.noise, 0.03 * np.hypot(*motion.T))
-        scaled = np.hypot(*residual.T) / sigma
+        scaled = np.hypot(residual[0], residual[1]) / sigma
         loosened = max(1.0, 4.0 - step)  # from a rough start the good ones look bad
-        weight = 1 / (1 + (scaled / (2.0 * loosened)) ** 2) ** 2 / sigma**2
-        design = (jacobian * units).reshape(-1, 8)
-        both = np.repeat(weight, 2)
-        information = (design * both[:, None]).T @ design + np.diag(prior * units**2) + 1e-12 * np.eye(8)
-        change = np.linalg.solve(information, design.T @ (both * residual.ravel()) - prior * units * x) * units
+        weight = 1 / ((1 + (scaled / (2.0 * loosened)) ** 2) * sigma) ** 2
+        design = (jacobian * units[:, None, None]).reshape(8, -1)
+        weighted = design * np.concatenate([weight, weight])
+        information = weighted @ design.T + np.diag(prior * units**2 + 1e-12)
+        change = np.linalg.solve(information, weighted @ residual.ravel() - prior * units * x) * units
         change[:2] = np.clip(change[:2], -60, 60)
         x = x + change
-        if np.abs(change[:2]).max() < 0.02 and step > 3:
+        if np.abs(change[:2]).max() < 0.1 and step >= 3:
             break
     if not np.isfinite(x).all():
         return None
-    model, _ = _model(points, x)
-    inliers = np.hypot(*(motion - model).T) < config.gate * sigma
+    residual = motion - _model(points, x)[0]
+    inliers = np.hypot(residual[0], residual[1]) < config.gate * sigma
     share = float(inliers.mean())
-    expansion = np.hypot(*(motion - x[3:5]).T)
-    turning = np.hypot(x[3], x[4]) > config.most_turn * (np.hypot(x[3], x[4]) + float(np.median(expansion)))
+    expansion = float(np.median(np.hypot(motion[0] - x[3], motion[1] - x[4])))
+    turn = float(np.hypot(x[3], x[4]))
+    turning = turn > config.most_turn * (turn + expansion)
     if share < config.least_share or turning or np.count_nonzero(inliers) < FEWEST:
         return None
     covariance = np.asarray(np.linalg.inv(information)[:2, :2] * config.alike, np.float64)
-    return Foe(x[:2], covariance, share, len(points), float(x[2]), (float(x[3]), float(x[4])), (float(x[6]), float(x[7])))
+    return Foe(x[:2], covariance, share, points.shape[1], float(x[2]), (float(x[3]), float(x[4])), (float(x[6]), float(x[7])))
 
 
 def _model(points: Array, x: Array) -> tuple[Array, Array]:
-    """Motion (n, 2) of wall points and its Jacobian (n, 2, 8)."""
-    d = points - x[:2]
-    rho = np.maximum(np.hypot(*d.T), 1e-6)
-    unit = d / rho[:, None]
-    lean = 1 - unit @ x[6:8]
-    turned = np.stack([-d[:, 1], d[:, 0]], axis=1)
-    expansion = (rho * lean)[:, None] * d
-    model = x[2] * expansion + x[3:5] + x[5] * turned
-    jacobian = np.zeros((len(points), 2, 8))
+    """Motion (2, n) of wall ``points`` (2, n) and its Jacobian (8, 2, n)."""
+    d = points - x[:2, None]
+    du, dv = d
+    rho = np.maximum(np.hypot(du, dv), 1e-6)
+    unit = d / rho
+    along = x[6] * unit[0] + x[7] * unit[1]
+    lean = 1 - along
+    expansion = rho * lean * d
+    model = x[2] * expansion
+    model[0] += x[3] - x[5] * dv
+    model[1] += x[4] + x[5] * du
+    jacobian = np.empty((8, 2, points.shape[1]))
     # d(rho lean d)/dd = lean (unit d^T + rho I) - d (slope - (slope . unit) unit)^T, and dd/dc = -I
-    across = x[6:8] - (unit @ x[6:8])[:, None] * unit
-    spread = lean[:, None, None] * (d[:, :, None] * unit[:, None, :] + rho[:, None, None] * np.eye(2))
-    spread = spread - d[:, :, None] * across[:, None, :]
-    jacobian[:, :, :2] = -x[2] * spread - x[5] * np.array([[0.0, -1.0], [1.0, 0.0]])
-    jacobian[:, :, 2] = expansion
-    jacobian[:, 0, 3] = jacobian[:, 1, 4] = 1
-    jacobian[:, :, 5] = turned
-    jacobian[:, :, 6:8] = -x[2] * (d[:, :, None] * d[:, None, :])
+    for k in range(2):
+        across = x[6 + k] - along * unit[k]
+        jacobian[k] = -x[2] * (lean * unit[k] - across) * d
+        jacobian[k, k] -= x[2] * lean * rho
+        jacobian[3 + k, k], jacobian[3 + k, 1 - k] = 1, 0
+        jacobian[6 + k] = -x[2] * d[k] * d
+    jacobian[0, 1] -= x[5]
+    jacobian[1, 0] += x[5]
+    jacobian[2] = expansion
+    jacobian[5, 0], jacobian[5, 1] = -dv, du
     return model, jacobian
 
 

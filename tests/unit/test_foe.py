@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators.flow import Flow
-from estimators.foe import Foe, Follower, _model, estimate, paper_foe
+from estimators.foe import Foe, FoeConfig, Follower, _model, estimate, paper_foe, video_aspect
 
 RATE = 4e-5
 
@@ -57,6 +57,22 @@ def test_pitching_and_an_offset_move_the_papers_centre_and_not_ours() -> None:
     assert np.hypot(*(paper.centre - [380, 270])) > 3 * np.hypot(*(ours.centre - [380, 270]))
 
 
+def test_pixels_that_are_not_square() -> None:
+    aspect = video_aspect(720, 576)
+    assert aspect == pytest.approx(0.9375)
+    assert video_aspect(1280, 720) == 1.0
+    square = field((340, 300 * aspect), shift=(0.3, 0.2 * aspect), noise=0.02)
+    stretch = np.array([1, 1 / aspect])
+    flow = Flow(square.points * stretch, square.motion * stretch, len(square.points))
+    found = estimate(flow, np.random.default_rng(0), FoeConfig(aspect=aspect))
+    assert found is not None
+    assert found.centre == pytest.approx([340, 300], abs=2)
+    assert found.shift == pytest.approx((0.3, 0.2), abs=0.1)
+    blind = estimate(flow, np.random.default_rng(0))
+    assert blind is not None
+    assert np.hypot(*(blind.centre - [340, 300])) > np.hypot(*(found.centre - [340, 300]))
+
+
 def test_static_text_and_strays_do_not_count() -> None:
     flow = field((350, 290), noise=0.05)
     motion = flow.motion.copy()
@@ -93,13 +109,13 @@ def test_standing_turning_and_darkness_give_no_centre() -> None:
 
 def test_jacobian() -> None:
     x = np.array([10.0, -5, 2e-5, 0.3, -0.2, 0.002, 0.1, -0.05])
-    points = np.random.default_rng(0).normal(0, 150, (6, 2))
+    points = np.random.default_rng(0).normal(0, 150, (2, 6))
     _, jacobian = _model(points, x)
     for k, step in enumerate([1e-4, 1e-4, 1e-9, 1e-4, 1e-4, 1e-6, 1e-5, 1e-5]):
         h = np.zeros(8)
         h[k] = step
         numeric = (_model(points, x + h)[0] - _model(points, x - h)[0]) / (2 * step)
-        assert jacobian[:, :, k] == pytest.approx(numeric, rel=1e-4, abs=1e-6)
+        assert jacobian[k] == pytest.approx(numeric, rel=1e-4, abs=1e-6)
 
 
 def measured(u: float, v: float, std: float = 3.0) -> Foe:
