@@ -22,6 +22,8 @@ class FaultWatch:
         self._time_s = 0.0
         self._chainage: float | None = None
         self._down: dict[str, float] = {}
+        self._back: dict[str, float] = {}
+        self._flapping: set[str] = set()
         self._since: dict[str, float] = {}
         self._last: dict[str, float] = {}
         self._recorded: set[str] = set()
@@ -34,14 +36,22 @@ class FaultWatch:
         self._time_s, self._chainage = time_s, chainage
 
     def feed(self, what: str, status: FeedStatus) -> None:
-        """How the source called ``what`` is doing."""
+        """How the source called ``what`` is doing. One that fails again as soon as it is back is one event, not many."""
+        steady = self._time_s - self._back.get(what, -QUIET_S) >= QUIET_S
         if status.state == "up":
+            if steady:
+                self._flapping.discard(what)
             since = self._down.pop(what, None)
             if since is not None:
-                self._add(f"{what}_back", f"{_NAMES[what]} is back after {self._time_s - since:.1f} s.")
+                self._back[what] = self._time_s
+                if what not in self._flapping:
+                    self._add(f"{what}_back", f"{_NAMES[what]} is back after {self._time_s - since:.1f} s.")
         elif what not in self._down:
             self._down[what] = self._time_s
-            if status.state != "starting" or status.frames:
+            if not steady and what not in self._flapping:
+                self._flapping.add(what)
+                self._add(f"{what}_lost", f"{_NAMES[what]} fails again and again: {status.message or 'nothing comes.'}")
+            elif steady and (status.state != "starting" or status.frames):
                 self._add(f"{what}_lost", f"{_NAMES[what]} failed: {status.message or 'nothing comes.'}")
 
     def jumps(self, jumps: Sequence[tuple[float, float]]) -> None:
