@@ -3,7 +3,8 @@
 Once with f and R given, once with the length from node to node as the only source of scale. The filter is the mapper itself
 (``estimators.landmarks.mapper``), fed with detections corrupted as for figure 3: precision and recall of the paper's Table II,
 15 px of noise, half of the misses and of the false detections in bursts of 5 to 20 frames, false ones fixed in the picture. The
-smoother gets the mapper's sightings, doubles and all, once alone and once with the rings of joints beside them.
+smoother gets the mapper's sightings, doubles and all, once alone and once with the rings of joints beside them. Eight landmarks
+in 28 m, seen to 15 px, tell the scale of the tether to 1.8 % at best: without rings (or a length) there is little to gain.
 
 Reported over all true landmarks that both hold: error along the pipe of the mapper and of the smoother, and how many truths
 the 95 % ellipses (chainage, angle) hold.
