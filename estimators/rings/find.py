@@ -314,11 +314,12 @@ def dark_centre(gray: NDArray[np.uint8]) -> tuple[float, float]:
     """(u, v) px of the dark at the end of the pipe: where to look for rings while no flow has told the focus of expansion."""
     factor = 90 / gray.shape[1]
     small = np.asarray(cv2.resize(gray, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.float32)
-    smooth = np.asarray(cv2.GaussianBlur(small, (0, 0), 3.0), np.float32)
+    smooth = np.asarray(cv2.GaussianBlur(small, (0, 0), 1.5), np.float32)
     height, width = smooth.shape
     v, u = np.mgrid[:height, :width]
     # a dark corner is no pipe
     away = np.hypot((u - width / 2) / width, (v - height / 2) / height)
     value = smooth + np.float32(120) * np.maximum(away - 0.25, 0).astype(np.float32)
-    dark = value <= np.quantile(value, 0.02)
+    # the very darkest: a shadow or water in the invert is dark too, and would pull the middle down
+    dark = value <= np.quantile(value, 0.004)
     return float((u[dark].mean() + 0.5) / factor - 0.5), float((v[dark].mean() + 0.5) / factor - 0.5)

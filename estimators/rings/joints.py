@@ -40,9 +40,11 @@ class JointConfig:
     """Ratio of the largest to the smallest radius of an accepted joint: what does not grow is none."""
     seen_share: float = 0.4
     """Least share of the positions, between the first and the last of its sightings, at which an accepted joint is seen."""
+    leaving: float = 0.7
+    """Share of the radius at which joints of a run are usually seen last, up to which every one should have been seen."""
     miss: float = 0.7
     """What a position that it should have been seen from takes away from its evidence, in sightings."""
-    evidence: float = 3.0
+    evidence: float = 2.5
     """Least evidence of an accepted joint: positions it was seen from, less ``miss`` for each it was not, times the log of how
     much it grew."""
     apart: float = 1 / 250
@@ -330,7 +332,7 @@ def _owners(seen: _Seen, focal: float, places: Array, config: JointConfig, loose
 def _evidences(seen: _Seen, focal: float, places: Array, owner: Index, config: JointConfig) -> Array:
     """Evidence (m,) of each place."""
     nearest = [float(seen.inverse[owner == k].min()) for k in range(len(places)) if (owner == k).any()]
-    usual = float(np.median(nearest)) if nearest else 0.0
+    usual = float(np.median(nearest)) / config.leaving if nearest else 0.0
     return np.array([_evidence(seen, focal, places[k], owner == k, usual, config) for k in range(len(places))])
 
 
