@@ -30,6 +30,7 @@ class LazyCommands(click.Group):
 
     lazy: ClassVar = {
         "doctor": ("device.doctor:doctor", "Look at everything the box needs."),
+        "fcdd": ("device.fcdd_command:fcdd", "Train, export and judge the detector of landmarks."),
         "map": ("device.map_command:map_pipe", "Map a pipe from CCTV and tether."),
         "measure": ("device.measure_command:measure", "Measure the diameter of a pipe."),
         "serve": ("device.serve_command:serve", "Run the box: read the cameras, serve the page."),

@@ -1,0 +1,214 @@
+"""The network: an EfficientNet-Lite0 trunk and a head of 1 x 1 convolutions with one anomaly map per class, at a stride of 16.
+
+Trunk: EfficientNet-Lite0 (Tan and Le 2019 without squeeze-and-excite, ReLU6 throughout), 'same' padding as TensorFlow does it,
+batch-norm eps 1e-3. Head: eqs. 8 and 9 of the CCTV paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+BLOCKS = (
+    # kernel, stride, expansion, channels out
+    (3, 1, 1, 16),
+    (3, 2, 6, 24),
+    (3, 1, 6, 24),
+    (5, 2, 6, 40),
+    (5, 1, 6, 40),
+    (3, 2, 6, 80),
+    (3, 1, 6, 80),
+    (3, 1, 6, 80),
+    (5, 1, 6, 112),
+    (5, 1, 6, 112),
+    (5, 1, 6, 112),
+    (5, 2, 6, 192),
+    (5, 1, 6, 192),
+    (5, 1, 6, 192),
+    (5, 1, 6, 192),
+    (3, 1, 6, 320),
+)
+STEM = 32
+TAPS = (7, 10, 15)
+"""Blocks that the head looks at: texture and edges at a stride of 16 pixels, parts of things there, whole things at 32."""
+FROZEN = 8
+"""Blocks before those that may be trained."""
+
+
+class Same(nn.Conv2d):
+    """A convolution without bias and with 'same' padding, the odd pixel at the right and below (TensorFlow)."""
+
+    def __init__(self, inputs: int, outputs: int, kernel: int, stride: int = 1, groups: int = 1) -> None:
+        super().__init__(inputs, outputs, kernel, stride, groups=groups, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, inputs, h, w) to (n, outputs, ceil(h / stride), ceil(w / stride))."""
+        kernel, stride = self.kernel_size[0], self.stride[0]
+        across, down = (
+            max((-(-size // stride) - 1) * stride + kernel - size, 0) for size in (int(x.shape[3]), int(x.shape[2]))
+        )
+        if across % 2 == 0 and down % 2 == 0:
+            return functional.conv2d(x, self.weight, None, self.stride, (down // 2, across // 2), 1, self.groups)
+        x = functional.pad(x, (across // 2, across - across // 2, down // 2, down - down // 2))
+        return functional.conv2d(x, self.weight, None, self.stride, 0, 1, self.groups)
+
+
+def _norm(channels: int) -> nn.BatchNorm2d:
+    return nn.BatchNorm2d(channels, eps=1e-3, momentum=0.01)
+
+
+class Block(nn.Module):
+    """An inverted residual block."""
+
+    def __init__(self, inputs: int, kernel: int, stride: int, expansion: int, outputs: int) -> None:
+        super().__init__()
+        inside = inputs * expansion
+        self.widens = expansion != 1
+        if self.widens:
+            self._expand_conv, self._bn0 = Same(inputs, inside, 1), _norm(inside)
+        self._depthwise_conv, self._bn1 = Same(inside, inside, kernel, stride, inside), _norm(inside)
+        self._project_conv, self._bn2 = Same(inside, outputs, 1), _norm(outputs)
+        self.skips = stride == 1 and inputs == outputs
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Expand, look around, project, add."""
+        y = functional.relu6(self._bn0(self._expand_conv(x))) if self.widens else x
+        y = functional.relu6(self._bn1(self._depthwise_conv(y)))
+        y = self._bn2(self._project_conv(y))
+        return x + y if self.skips else y
+
+
+class Trunk(nn.Module):
+    """Blocks ``first`` to ``last`` (exclusive) of the trunk; with the stem where ``first`` is 0."""
+
+    def __init__(self, first: int = 0, last: int = FROZEN) -> None:
+        super().__init__()
+        self.first, self.last = first, last
+        if first == 0:
+            self._conv_stem, self._bn0 = Same(3, STEM, 3, 2), _norm(STEM)
+        widths = (STEM, *(block[3] for block in BLOCKS))
+        self._blocks = nn.ModuleDict({str(k): Block(widths[k], *BLOCKS[k]) for k in range(first, last)})
+
+    def forward(self, x: Tensor) -> tuple[Tensor, ...]:
+        """Pictures (n, 3, h, w), RGB as (x - 127) / 128, or features of the block before ``first``, to those of ``TAPS``."""
+        found = [x] if self.first - 1 in TAPS else []
+        if self.first == 0:
+            x = functional.relu6(self._bn0(self._conv_stem(x)))
+        for name, block in self._blocks.items():
+            x = block(x)
+            if int(name) in TAPS:
+                found.append(x)
+        return tuple(found)
+
+    def load(self, weights: Mapping[str, Tensor]) -> None:
+        """Its share of the weights of a whole EfficientNet-Lite0."""
+        own = self.state_dict()
+        self.load_state_dict({name: weights[name] for name in own})
+
+
+class Head(nn.Module):
+    """From the features of ``TAPS`` to the maps: every tap is brought to ``hidden`` channels, the coarse one enlarged, their
+    sum goes through ReLU6 to one map per class, and that through eq. 8."""
+
+    def __init__(self, classes: int, hidden: int, dropout: float = 0.0) -> None:
+        super().__init__()
+        widths = [BLOCKS[tap][3] for tap in TAPS]
+        self.scales = nn.ModuleList(nn.BatchNorm2d(width, eps=1e-3, affine=False) for width in widths)
+        self.taps = nn.ModuleList(
+            nn.Conv2d(width, hidden, 1, bias=tap == TAPS[0]) for tap, width in zip(TAPS, widths, strict=True)
+        )
+        self.dropout = nn.Dropout(dropout)
+        self.maps = nn.Conv2d(hidden, classes, 1)
+        # at phi = 0 the transformation has no slope to learn from
+        nn.init.constant_(self.maps.bias, 0.5)  # type: ignore[arg-type]
+
+    def forward(self, features: tuple[Tensor, ...]) -> Tensor:
+        """Anomaly maps A_k >= 0 (n, classes, h / 16, w / 16)."""
+        size = features[0].shape[2:]
+        mixed = torch.zeros(1)
+        for scale, tap, x in zip(self.scales, self.taps, features, strict=True):
+            y = tap(self.dropout(scale(x)))
+            mixed = mixed + (y if y.shape[2:] == size else functional.interpolate(y, size=size, mode="bilinear"))
+        return anomaly(self.maps(functional.relu6(mixed)))
+
+    def fold(self) -> None:
+        """Put the scales into the convolutions behind them: the same maps for less work. Once, after training."""
+        for k, (scale, tap) in enumerate(zip(self.scales, self.taps, strict=True)):
+            if isinstance(scale, nn.Identity):
+                continue
+            inverse = torch.rsqrt(scale.running_var + scale.eps)
+            weight = tap.weight.detach() * inverse[None, :, None, None]
+            shift = -(weight[:, :, 0, 0] @ scale.running_mean)
+            folded = nn.Conv2d(weight.shape[1], weight.shape[0], 1)
+            folded.weight = nn.Parameter(weight)
+            folded.bias = nn.Parameter(shift if tap.bias is None else shift + tap.bias.detach())
+            self.taps[k], self.scales[k] = folded, nn.Identity()
+
+
+class Fcdd(nn.Module):
+    """Late trunk, from block ``first`` on, and head. With ``first`` after the last block it is the head alone."""
+
+    def __init__(self, classes: int, first: int, hidden: int, dropout: float = 0.0) -> None:
+        super().__init__()
+        self.first = first
+        self.trunk = Trunk(first, len(BLOCKS)) if first < len(BLOCKS) else None
+        self.head = Head(classes, hidden, dropout)
+
+    def forward(self, features: tuple[Tensor, ...]) -> Tensor:
+        """Anomaly maps (n, classes, h / 16, w / 16) from the features of the taps so far."""
+        if self.trunk is not None:
+            features = (*features[:-1], *self.trunk(features[-1]))
+        found: Tensor = self.head(features)
+        return found
+
+
+class Whole(nn.Module):
+    """Picture to maps, for export: early trunk, late trunk, head."""
+
+    def __init__(self, early: Trunk, late: Fcdd) -> None:
+        super().__init__()
+        self.early, self.late = early, late
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """(n, 3, h, w), RGB as (x - 127) / 128, to (n, classes, h / 16, w / 16)."""
+        found: Tensor = self.late(self.early(pictures))
+        return found
+
+
+def anomaly(phi: Tensor) -> Tensor:
+    """Eq. 8: the pseudo-Huber transformation of the network's output."""
+    return torch.sqrt(phi * phi + 1) - 1
+
+
+def score(maps: Tensor) -> Tensor:
+    """z_ik of eq. 9 (n, classes): the mean of each map."""
+    return maps.mean(dim=(2, 3))
+
+
+def loss(maps: Tensor, labels: Tensor, weights: Tensor) -> Tensor:
+    """Eq. 9 with ``weights`` (n, classes): 0 where a label is unknown. ``labels`` (n, classes) in 0..1."""
+    z = score(maps)
+    present = -torch.log(-torch.expm1(-z.clamp(min=1e-6)))
+    each = (1 - labels) * z + labels * present
+    return (weights * each).sum() / weights.sum().clamp(min=1e-6)
+
+
+def merged(heads: list[Head]) -> Head:
+    """One head that gives the mean of the outputs phi of several, each trained from another seed: their hidden channels side by
+    side. The trunk must be the same for all."""
+    hidden = sum(head.maps.in_channels for head in heads)
+    found = Head(heads[0].maps.out_channels, hidden)
+    found.scales = heads[0].scales
+    with torch.no_grad():
+        for k, tap in enumerate(found.taps):
+            tap.weight.copy_(torch.cat([head.taps[k].weight for head in heads]))
+            if tap.bias is not None:
+                tap.bias.copy_(torch.cat([head.taps[k].bias for head in heads]))
+        found.maps.weight.copy_(torch.cat([head.maps.weight for head in heads], dim=1) / len(heads))
+        if found.maps.bias is not None:
+            found.maps.bias.copy_(torch.stack([head.maps.bias for head in heads]).mean(dim=0))  # type: ignore[arg-type,misc]
+    found.eval()
+    return found

@@ -1,0 +1,84 @@
+"""The network and its loss; skipped where torch is not installed (dependency group ``train``)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
+
+from estimators.fcdd_training.network import Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
+from estimators.fcdd_training.training import Material, TrainConfig, fit, predict  # noqa: E402
+
+
+def test_the_transformation_of_eq_8() -> None:
+    assert anomaly(torch.tensor([0.0, 3.0, -3.0])).tolist() == pytest.approx([0.0, math.sqrt(10) - 1, math.sqrt(10) - 1])
+
+
+def test_the_loss_of_eq_9_by_hand() -> None:
+    maps = torch.tensor([[[[1.0, 3.0]], [[0.5, 0.5]]]])  # one picture, two classes; z = 2 and 0.5
+    assert score(maps).tolist() == [[2.0, 0.5]]
+    labels = torch.tensor([[1.0, 0.0]])
+    expected = (-math.log(1 - math.exp(-2.0)) + 0.5) / 2
+    assert float(loss(maps, labels, torch.ones(1, 2))) == pytest.approx(expected, rel=1e-5)
+
+
+def test_an_unknown_label_counts_for_nothing() -> None:
+    maps = torch.rand(1, 2, 2, 2)
+    weights = torch.tensor([[1.0, 0.0]])
+    both = [float(loss(maps, torch.tensor([[1.0, y]]), weights)) for y in (0.0, 1.0)]
+    assert both[0] == both[1]
+
+
+@pytest.mark.parametrize("size", [(240, 320), (15, 20), (15, 21)])
+@pytest.mark.parametrize(("kernel", "stride"), [(3, 2), (5, 2), (5, 1)])
+def test_same_padding_gives_the_size_rounded_up(size: tuple[int, int], kernel: int, stride: int) -> None:
+    found = Same(2, 3, kernel, stride)(torch.zeros(1, 2, *size))
+    assert found.shape[2:] == (-(-size[0] // stride), -(-size[1] // stride))
+
+
+def test_same_padding_puts_the_odd_pixel_at_the_end() -> None:
+    layer = Same(1, 1, 3, 2)
+    torch.nn.init.ones_(layer.weight)
+    row = torch.zeros(1, 1, 4, 4)
+    row[0, 0, 3, 3] = 1.0
+    # windows of 3 begin at 0 and 2; the last pixel lies in the second
+    assert layer(row)[0, 0].tolist() == [[0.0, 0.0], [0.0, 1.0]]
+
+
+def test_folding_the_scales_changes_nothing() -> None:
+    torch.manual_seed(1)
+    net = Fcdd(5, 16, 8).eval()
+    for scale in net.head.scales:
+        scale.running_mean.normal_()
+        scale.running_var.uniform_(0.5, 2)
+    features = tuple(torch.randn(2, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
+    before = net(features)
+    net.head.fold()
+    assert torch.allclose(before, net(features), atol=1e-4)
+
+
+def test_whole_network_gives_a_map_per_class() -> None:
+    with torch.no_grad():
+        maps = Whole(Trunk(0, 16), Fcdd(5, 16, 8)).eval()(torch.zeros(1, 3, 240, 320))
+    assert maps.shape == (1, 5, 15, 20)
+    assert float(maps.min()) >= 0
+
+
+def test_a_head_learns_what_can_be_seen_and_repeats_itself() -> None:
+    rng = np.random.default_rng(5)
+    labels = (rng.random((60, 2)) < 0.5).astype(np.float32)
+    taps = [rng.normal(size=(2, 60, width, 2, 3)).astype(np.float16) for width in (80, 112, 320)]
+    taps[1][:, :, :8] += labels[None, :, :1, None, None].astype(np.float16) * 2
+    taps[2][:, :, :8] += labels[None, :, 1:, None, None].astype(np.float16) * 2
+    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60))
+    config = TrainConfig(steps=60, batch=16, first=16, hidden=8, dropout=0.0, mixup=0.0, head_rate=1e-2)
+    rows = np.arange(40)
+    found = predict(fit(material, rows, config, {}, seed=1), tuple(tap[0] for tap in taps))
+    for column in range(2):
+        unseen = found[40:, column]
+        assert unseen[labels[40:, column] > 0].mean() > unseen[labels[40:, column] == 0].mean() + 0.3
+    again = predict(fit(material, rows, config, {}, seed=1), tuple(tap[0] for tap in taps))
+    assert np.array_equal(found, again)
