@@ -18,6 +18,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("landmark_cost", (), ("--frames", "300")),
     ("osd", (), ("--searches", "3")),
     ("cctv_run", (), ()),
+    ("rings", (), ("--seeds", "2", "--metres", "5")),
     ("foe", (), ("--seeds", "2")),
     ("drive_cost", (), ("--frames", "200", "--runs", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
