@@ -119,9 +119,9 @@ def recorded() -> tuple[Array, list[Truth]]:
 
 
 def smooth(shown: Array, means: str) -> Array:
-    """A drive that makes the counter show this: evenly from each step to the next."""
-    first = np.flatnonzero(np.diff(shown, prepend=-1.0))
-    value = shown[first] - (0.05 if means == "nearest" else 0.0)
+    """A drive that makes the counter show this: evenly from each step to the next, a step falling between two frames."""
+    first = np.flatnonzero(np.diff(shown, prepend=-1.0)) - 0.5
+    value = shown[np.ceil(first).astype(int)] - (0.05 if means == "nearest" else 0.0)
     end = shown[-1] + (0.0 if means == "nearest" else 0.05)
     return np.interp(np.arange(len(shown)), np.append(first, len(shown) - 1), np.append(value, end))
 
