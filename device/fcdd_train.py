@@ -9,7 +9,7 @@ import hashlib
 import json
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +59,7 @@ class Wanted:
     versions: int = 18
     rendered_versions: int = 3
     steps: int = 250
+    tune: int = 120
     seeds: int = 3
     folds: int = 5
     by: str = "cluster"
@@ -120,8 +121,19 @@ def rendered_lessons(pipes: int, seed: int, work: Path) -> list[Lesson]:
     ]
 
 
-def features_of(lessons: list[Lesson], versions: int, trunk: bytes, work: Path, name: str, seed: int, note: Note) -> Any:
-    """(versions, n, channels, *GRID) float16: each picture plain, mirrored, and augmented in other ways. Kept in ``work``."""
+@dataclass(frozen=True)
+class Features:
+    """Of every version of every picture. ``taps`` (versions, n, channels, *GRID) float16 are all that the head sees, averaged;
+    ``early`` (versions, n, 80, 15, 20) is what the late trunk is trained from, None where it is not."""
+
+    taps: Any
+    early: Any
+
+
+def features_of(
+    lessons: list[Lesson], versions: int, trunk: bytes, work: Path, name: str, seed: int, early: bool, note: Note
+) -> Features:
+    """Each picture plain, mirrored, and augmented in other ways. Kept in ``work``."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -129,17 +141,22 @@ def features_of(lessons: list[Lesson], versions: int, trunk: bytes, work: Path, 
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     session = onnxruntime.InferenceSession(trunk, options, providers=["CPUExecutionProvider"])
     print_of = hashlib.sha256(b"".join(lesson.picture[::16, ::16].tobytes() for lesson in lessons)).hexdigest()[:12]
-    found = []
+    kept: dict[str, list[Any]] = {"taps": [], "early": []}
     for version in range(versions):
-        file = work / f"{name}_{print_of}_{seed}_{version}.npy"
-        if not file.exists():
+        files = {
+            kind: work / f"{name}_{print_of}_{seed}_{version}_{kind}.npy"
+            for kind in (("taps", "early") if early else ("taps",))
+        }
+        if not all(file.exists() for file in files.values()):
             rows = [_feature(session, _version(lesson, version, seed, k)) for k, lesson in enumerate(lessons)]
-            part = file.with_suffix(".part.npy")
-            np.save(part, np.stack(rows))
-            part.replace(file)
+            for kind, file in files.items():
+                part = file.with_suffix(".part.npy")
+                np.save(part, np.stack([row[kind] for row in rows]))
+                part.replace(file)
             note(f"features of {name}, version {version + 1} of {versions}")
-        found.append(np.load(file))
-    return np.stack(found)
+        for kind, file in files.items():
+            kept[kind].append(np.load(file))
+    return Features(np.stack(kept["taps"]), np.stack(kept["early"]) if early else None)
 
 
 def _version(lesson: Lesson, version: int, seed: int, k: int) -> NDArray[np.uint8]:
@@ -149,10 +166,11 @@ def _version(lesson: Lesson, version: int, seed: int, k: int) -> NDArray[np.uint
     return augmented(lesson.picture, SIZE, np.random.default_rng([seed, version, k]), lesson.upright)
 
 
-def _feature(session: Any, picture: NDArray[np.uint8]) -> NDArray[np.float16]:
+def _feature(session: Any, picture: NDArray[np.uint8]) -> dict[str, NDArray[np.float16]]:
     planes = ((picture[:, :, ::-1].astype(np.float32) - 127) / 128).transpose(2, 0, 1)
     taps = session.run(None, {"picture": np.ascontiguousarray(planes)[None]})
-    return np.concatenate([_to_grid(tap[0]) for tap in taps]).astype(np.float16)
+    found = np.concatenate([_to_grid(tap[0]) for tap in taps]).astype(np.float16)
+    return {"taps": found, "early": taps[0][0].astype(np.float16)}
 
 
 def _to_grid(tap: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -205,8 +223,9 @@ def split_taps(features: Any) -> tuple[Any, ...]:
     return tuple(features[..., low:high, :, :] for low, high in zip((0, *ends[:-1]), ends, strict=True))
 
 
-def material_of(lessons: list[Lesson], features: Any) -> Material:
-    """What ``fit`` takes. Real and rendered pictures are each drawn fairly, RENDERED_SHARE of them rendered."""
+def material_of(lessons: list[Lesson], features: tuple[Any, ...]) -> Material:
+    """What ``fit`` takes from the ``features`` of some taps. Real and rendered pictures are each drawn fairly,
+    RENDERED_SHARE of them rendered."""
     from estimators.fcdd_training.training import Material, fair_share
 
     labels = np.stack([lesson.labels for lesson in lessons])
@@ -218,34 +237,61 @@ def material_of(lessons: list[Lesson], features: Any) -> Material:
         rows = np.flatnonzero(chosen)
         if len(rows):
             share[rows] = part * fair_share(labels[rows][:, : len(CLASSES)] > 0, [groups[k] for k in rows])
-    return Material(split_taps(features), labels, weights, share / share.sum())
+    return Material(features, labels, weights, share / share.sum())
+
+
+@dataclass(frozen=True)
+class Course:
+    """How a network is taught: the head on the frozen trunk, ``seeds`` of them merged into one, then, where ``tuning`` is
+    given, the late trunk with it (a head that knows what it wants keeps the trunk from being thrown about at the start)."""
+
+    heads: TrainConfig
+    tuning: TrainConfig | None
+    seeds: int
+    pretrained: dict[str, Tensor]
+
+    def teach(self, taps: Material, early: Material | None, rows: NDArray[np.int64], note: Note) -> Fcdd:
+        """A network trained on ``rows``."""
+        from estimators.fcdd_training.network import merged
+        from estimators.fcdd_training.training import fit
+
+        nets = [fit(taps, rows, self.heads, self.pretrained, seed) for seed in range(self.seeds)]
+        net = nets[0]
+        net.head = merged([one.head for one in nets])
+        if self.tuning is None or early is None:
+            return net
+        config = replace(self.tuning, hidden=net.head.maps.in_channels)
+
+        def tell(step: int, value: float) -> None:
+            if step % 20 == 0:
+                note(f"tuning, step {step} of {config.steps}, loss {value:.3f}")
+
+        return fit(early, rows, config, self.pretrained, 0, net.head.state_dict(), tell)
 
 
 def out_of_fold(
     lessons: list[Lesson],
-    material: Material,
-    config: TrainConfig,
-    weights: dict[str, Tensor],
+    taps: Material,
+    early: Material | None,
+    course: Course,
     by: str,
     folds: int,
-    seeds: int,
     note: Note,
     split_seed: int = 0,
 ) -> NDArray[np.float64]:
     """Scores z (n, classes) of every picture from networks that saw none of its ``by`` ("cluster" or "collection"): the mean
-    of the plain and the mirrored picture, of ``seeds`` networks."""
-    from estimators.fcdd_training.training import fit, predict
+    of the plain and the mirrored picture."""
+    from estimators.fcdd_training.training import predict
 
     groups = [lesson.group if by == "cluster" or lesson.rendered else lesson.source for lesson in lessons]
-    fold = grouped_folds(groups, material.labels[:, : len(CLASSES)], folds, np.random.default_rng(split_seed))
+    fold = grouped_folds(groups, taps.labels[:, : len(CLASSES)], folds, np.random.default_rng(split_seed))
     found = np.zeros((len(lessons), len(CLASSES)))
     for k in range(folds):
         train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        for seed in range(seeds):
-            net = fit(material, train, config, weights, seed)
-            for version in (0, 1):
-                z = predict(net, tuple(tap[version][test] for tap in material.features))
-                found[test] += z[:, : len(CLASSES)] / (2 * seeds)
+        net = course.teach(taps, early, train, note)
+        used = (taps if net.trunk is None or early is None else early).features
+        for version in (0, 1):
+            found[test] += predict(net, tuple(tap[version][test] for tap in used), 16)[:, : len(CLASSES)] / 2
         note(f"fold {k + 1} of {folds} by {by}")
     return found
 
@@ -265,18 +311,18 @@ def score_thresholds(scores: NDArray[np.float64], lessons: list[Lesson], precisi
     return found
 
 
-def map_thresholds(net: Fcdd, material: Material) -> dict[str, float]:
+def map_thresholds(net: Fcdd, used: Material) -> dict[str, float]:
     """Per class the threshold of the anomaly map: what nine tenths of the cells of pictures of the class stay below."""
     import torch
 
     found = {}
     for k, name in enumerate(CLASSES):
-        rows = np.flatnonzero(material.labels[:, k] > 0)
+        rows = np.flatnonzero(used.labels[:, k] > 0)
         if len(rows) == 0:
             found[name] = 1.0
             continue
         with torch.no_grad():
-            maps = net(tuple(torch.from_numpy(tap[0][rows].astype(np.float32)) for tap in material.features))
+            maps = net(tuple(torch.from_numpy(tap[0][rows].astype(np.float32)) for tap in used.features))
         found[name] = float(np.quantile(maps[:, k].numpy(), 0.9))
     return found
 
@@ -298,43 +344,70 @@ def rounded(values: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 5) for name, value in values.items()}
 
 
-def train_model(wanted: Wanted, note: Note) -> dict[str, float | None]:
-    """The whole way from labelled pictures to a model file. Returns the out-of-fold AUROC of each class on real pictures, None
-    where none has it. Raises Invalid."""
+@dataclass(frozen=True)
+class _School:
+    lessons: list[Lesson]
+    taps: Material
+    early: Material | None
+    course: Course
+
+
+def _school(wanted: Wanted, note: Note) -> _School:
+    """Everything that training needs, from disk or made."""
+    weights = pretrained()
+
     import torch
 
-    from estimators.fcdd_training.folds import auroc
-    from estimators.fcdd_training.network import merged
-    from estimators.fcdd_training.training import TrainConfig, fit
+    from estimators.fcdd_training.network import FROZEN
+    from estimators.fcdd_training.training import TrainConfig
 
     torch.set_num_threads(1)
     wanted.work.mkdir(parents=True, exist_ok=True)
-    weights = pretrained()
     trunk = trunk_model(weights, wanted.work)
+    tuned = wanted.tune > 0
     lessons = lessons_of(read_archive(wanted.data), unknown=0.7, unknown_connection=0.3)
-    features = features_of(lessons, wanted.versions, trunk, wanted.work, "stills", wanted.seed, note)
+    features = features_of(lessons, wanted.versions, trunk, wanted.work, "stills", wanted.seed, tuned, note)
     if wanted.rendered:
         virtual = rendered_lessons(wanted.rendered, wanted.seed, wanted.work)
         note(f"{len(virtual)} pictures of the virtual sewer")
-        seen = features_of(virtual, wanted.rendered_versions, trunk, wanted.work, "rendered", wanted.seed, note)
-        # as many versions as the stills have, each again and again
-        seen = seen[np.arange(wanted.versions) % wanted.rendered_versions]
-        lessons, features = lessons + virtual, np.concatenate([features, seen], axis=1)
-    material = material_of(lessons, features)
-    config = TrainConfig(steps=wanted.steps, first=16, hidden=64, head_rate=3e-3, decay=0.02, dropout=0.2, mixup=0.2)
-    scores = _kept(
-        wanted.work / f"scores_{wanted.by}_{wanted.steps}_{wanted.seed}.npy",
-        lambda: out_of_fold(lessons, material, config, weights, wanted.by, wanted.folds, 1, note),
+        seen = features_of(virtual, wanted.rendered_versions, trunk, wanted.work, "rendered", wanted.seed, tuned, note)
+        lessons, features = lessons + virtual, _joined(features, seen, wanted)
+    taps = material_of(lessons, split_taps(features.taps))
+    early = material_of(lessons, (features.early,)) if tuned else None
+    heads = TrainConfig(steps=wanted.steps, first=16, hidden=64, head_rate=3e-3, dropout=0.2)
+    late = TrainConfig(steps=wanted.tune, batch=16, first=FROZEN, rate=2.5e-4, head_rate=5e-4, dropout=0.2, average=0.95)
+    return _School(lessons, taps, early, Course(heads, late if tuned else None, wanted.seeds, weights))
+
+
+def _scores(wanted: Wanted, school: _School, note: Note) -> NDArray[np.float64]:
+    name = f"scores_{wanted.by}_{wanted.steps}_{wanted.tune}_{wanted.rendered}_{wanted.seed}.npy"
+    return _kept(
+        wanted.work / name,
+        lambda: out_of_fold(school.lessons, school.taps, school.early, school.course, wanted.by, wanted.folds, note),
     )
-    nets = []
-    for seed in range(wanted.seeds):
-        nets.append(fit(material, np.arange(len(lessons)), config, weights, seed))
-        note(f"head {seed + 1} of {wanted.seeds}")
-    net = nets[0]
-    net.head = merged([one.head for one in nets])
+
+
+def train_scores(wanted: Wanted, note: Note) -> tuple[list[Lesson], NDArray[np.float64]]:
+    """The pictures with their out-of-fold scores z (n, classes), for benchmarks."""
+    school = _school(wanted, note)
+    return school.lessons, _scores(wanted, school, note)
+
+
+def train_model(wanted: Wanted, note: Note) -> dict[str, float | None]:
+    """The whole way from labelled pictures to a model file. Returns the out-of-fold AUROC of each class on real pictures, None
+    where none has it. Raises Invalid."""
+    school = _school(wanted, note)
+
+    import torch
+
+    from estimators.fcdd_training.folds import auroc
+
+    lessons, taps, early = school.lessons, school.taps, school.early
+    scores = _scores(wanted, school, note)
+    net = school.course.teach(taps, early, np.arange(len(lessons)), note)
     cut_to_classes(net)
     real = np.array([not lesson.rendered for lesson in lessons])
-    labels = material.labels[:, : len(CLASSES)] > 0
+    labels = taps.labels[:, : len(CLASSES)] > 0
     found = {
         name: round(auroc(scores[real, k], labels[real, k]), 4) if labels[real, k].any() else None
         for k, name in enumerate(CLASSES)
@@ -343,13 +416,16 @@ def train_model(wanted: Wanted, note: Note) -> dict[str, float | None]:
         CLASSES,
         SIZE,
         rounded(score_thresholds(scores, lessons, wanted.precision)),
-        rounded(map_thresholds(net, material)),
+        rounded(map_thresholds(net, taps if early is None else early)),
         {"stills": str(int(real.sum())), "rendered": str(int((~real).sum())), "auroc": json.dumps(found), "split": wanted.by},
     )
-    torch.save(
-        {"head": net.head.state_dict(), "hidden": net.head.maps.in_channels, "card": card.metadata()},
-        wanted.work / "weights.pt",
-    )
+    kept = {
+        "head": net.head.state_dict(),
+        "trunk": None if net.trunk is None else net.trunk.state_dict(),
+        "hidden": net.head.maps.in_channels,
+        "card": card.metadata(),
+    }
+    torch.save(kept, wanted.work / "weights.pt")
     export_weights(wanted.work / "weights.pt", wanted.out, wanted.data if wanted.as_int8 else None)
     return found
 
@@ -362,7 +438,7 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
     from device.fcdd_export import float_model, int8_model
     from estimators.fcdd import Fcdd as Runtime
     from estimators.fcdd import card_of
-    from estimators.fcdd_training.network import Fcdd, Trunk, Whole
+    from estimators.fcdd_training.network import BLOCKS, FROZEN, Fcdd, Trunk, Whole
 
     try:
         kept = torch.load(file, map_location="cpu", weights_only=True)
@@ -371,10 +447,13 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
         raise Invalid(f"There are no weights {file}.") from None
     except (OSError, KeyError, ValueError, RuntimeError, pickle.UnpicklingError):
         raise Invalid(f"The file {file} holds no weights of a training.") from None
-    early = Trunk(0, 16)
+    first = len(BLOCKS) if kept["trunk"] is None else FROZEN
+    early = Trunk(0, first)
     early.load(pretrained())
-    late = Fcdd(len(card.classes), 16, int(kept["hidden"]))
+    late = Fcdd(len(card.classes), first, int(kept["hidden"]))
     late.head.load_state_dict(kept["head"])
+    if late.trunk is not None:
+        late.trunk.load_state_dict(kept["trunk"])
     whole = Whole(early, late).eval()
     tried = _trials(card.size)
     with torch.no_grad():
@@ -390,6 +469,14 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
     runtime = Runtime(model)
     found = [1 - np.exp(-runtime.maps(x).mean(axis=(1, 2))) for x in tried]
     return float(np.abs(np.array(found) - np.array(expected)).max())
+
+
+def _joined(stills: Features, virtual: Features, wanted: Wanted) -> Features:
+    """The rendered pictures have fewer versions than the stills: each again and again."""
+    again = np.arange(wanted.versions) % wanted.rendered_versions
+    taps = np.concatenate([stills.taps, virtual.taps[again]], axis=1)
+    early = None if stills.early is None else np.concatenate([stills.early, virtual.early[again]], axis=1)
+    return Features(taps, early)
 
 
 def _trials(size: tuple[int, int]) -> list[NDArray[np.float32]]:

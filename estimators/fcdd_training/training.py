@@ -23,9 +23,9 @@ Floats = NDArray[np.float32]
 @dataclass(frozen=True)
 class TrainConfig:
     """``steps`` of ``batch`` pictures. ``rate`` and ``head_rate`` are the highest learning rates, reached after a tenth of the
-    steps and let down to nothing by a cosine. ``unknown`` weighs a label that is absent from a picture of another defect:
-    nobody verified that it is. ``mixup`` is the parameter of the Beta distribution, 0 for none. ``decay`` is the weight decay,
-    ``average`` the memory of the average over the weights of the last steps."""
+    steps and let down to nothing by a cosine. ``mixup`` is the parameter of the Beta distribution, 0 for none. ``decay`` is
+    the weight decay, ``average`` the memory of the average over the weights of the last steps. Blocks from ``first`` on are
+    trained, and a head of ``hidden`` channels."""
 
     steps: int = 160
     batch: int = 32
@@ -34,7 +34,6 @@ class TrainConfig:
     decay: float = 0.02
     dropout: float = 0.1
     mixup: float = 0.2
-    unknown: float = 0.5
     average: float = 0.97
     first: int = 16
     hidden: int = 96
