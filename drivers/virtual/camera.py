@@ -25,6 +25,10 @@ class CctvCamera:
     width: int = 720
     height: int = 576
 
+    def __post_init__(self) -> None:
+        if self.width % 4 or self.height % 4:
+            raise ValueError(f"the picture's size must go by fours, not {self.width} x {self.height}")
+
     @property
     def diagonal(self) -> float:
         """Of the picture (px)."""

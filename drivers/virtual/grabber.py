@@ -33,7 +33,7 @@ class Footage:
         drive, rng = self.drive, np.random.default_rng([self.drive.seed, 61, number])
         before = drive.pose(max(0.0, t - 0.5 / self.fps))
         texts = (f"{drive.encoder(t):07.2f} m", f"{int(t) // 60:02d}:{int(t) % 60:02d}")
-        return (self._unlit() if dark else self._renderer).picture(drive.pose(t), rng, before, texts)
+        return (self._unlit() if dark else self._renderer).picture(drive.pose(t), rng, before, texts, t)
 
     def _unlit(self) -> Renderer:
         if self._dark is None:

@@ -16,10 +16,10 @@ class Look:
     from the next, ``grain``, ``stains`` and ``specks`` how lively the wall is; ``dirt_line``
     (rad) is how far up the invert's dirt goes to either side.
 
-    ``joint`` is how dark a joint's gap is (0 black, 1 as the wall) and ``rim`` how bright its edge. ``lamp`` is the brightness,
-    ``reach`` how far the light goes, in diameters, ``falloff`` how fast it ends, ``lamp_angle`` and ``lamp_side`` where it is
-    stronger and by how much. ``haze`` is fog lit by the lamp. ``blur`` (px), ``noise`` (grey levels), ``jpeg`` (quality),
-    ``interlace`` and ``text`` are the camera's and the recorder's.
+    ``ripples`` is how steep the water's surface is (rad). ``joint`` is how dark a joint's gap is (0 black, 1 as the wall) and
+    ``rim`` how bright its edge. ``lamp`` is the brightness, ``reach`` how far the light goes, in diameters, ``falloff`` how
+    fast it ends, ``lamp_angle`` and ``lamp_side`` where it is stronger and by how much. ``haze`` is fog lit by the lamp.
+    ``blur`` (px), ``noise`` (grey levels), ``jpeg`` (quality), ``interlace`` and ``text`` are the camera's and the recorder's.
     """
 
     material: str = "concrete"
@@ -31,6 +31,7 @@ class Look:
     stains: float = 0.14
     specks: float = 0.3
     dirt_line: float = 0.6
+    ripples: float = 0.05
     joint: float = 0.2
     rim: float = 1.5
     lamp: float = 2.6
@@ -67,10 +68,11 @@ def random_look(rng: np.random.Generator, text: bool | None = None) -> Look:
         dirt=_color(brown),
         water=_color(brown * rng.uniform(0.3, 0.8)),
         pieces=float(rng.uniform(0.0, 0.12)),
-        grain=0.14 * rough * float(rng.uniform(0.6, 1.5)),
+        grain=0.14 * rough * float(rng.uniform(0.6, 1.3)),
         stains=0.16 * float(rng.uniform(0.5, 1.4)) * rough**0.5,
         specks=float(rng.uniform(0.05, 0.9)),
         dirt_line=float(rng.uniform(0.1, 1.3)),
+        ripples=float(rng.uniform(0.01, 0.06)),
         joint=float(rng.uniform(0.05, 0.5)),
         rim=float(rng.uniform(1.0, 2.2)),
         lamp=float(rng.uniform(1.6, 4.0)),

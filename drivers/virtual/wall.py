@@ -20,6 +20,8 @@ from drivers.virtual.world import VirtualSewer
 Array = NDArray[np.float32]
 COLUMNS = 1024
 """Cells around the pipe, from image angle 0 on; a tile is as long as the pipe is around, so its cells are square."""
+ALBEDO_STEPS = 180
+"""How many grey steps of a tile are an albedo of 1; glints are brighter."""
 _LEVELS = 9
 _TILES_KEPT = 14
 _STAIN_M = 0.06
@@ -40,7 +42,7 @@ class Wall:
         self._streaks = rng.normal(size=(rows // 6 + 4, 2 * _STAIN_COLUMNS)).astype(np.float32)
         edges = np.array([-np.inf, *sorted(joint.chainage for joint in sewer.joints), np.inf])
         self._pieces = edges
-        tone = rng.normal(size=(len(edges), 1)) + 0.4 * rng.normal(size=(len(edges), 3))
+        tone = rng.normal(size=(len(edges), 1)) + 0.2 * rng.normal(size=(len(edges), 3))
         self._piece_tone = (1 + look.pieces * np.clip(tone, -2, 2)).astype(np.float32)
         self._tiles: OrderedDict[int, list[NDArray[np.uint8]]] = OrderedDict()
 
@@ -94,17 +96,24 @@ class Wall:
         begin = number * self.tile_m
         z = (begin + (np.arange(COLUMNS, dtype=np.float32) + 0.5) * self.cell_m).astype(np.float32)
         angle = (np.arange(COLUMNS, dtype=np.float32) + 0.5) * np.float32(2 * np.pi / COLUMNS)
-        tone = 1 + np.float32(look.grain) * self._fine(number) + np.float32(look.stains) * self._coarse(begin)
+        fine = self._fine(number)
+        tone = np.asarray(1 + np.float32(look.grain) * fine + np.float32(look.stains) * self._coarse(begin), np.float32)
         dirty = self._dirt(begin, angle)
-        colors = np.asarray(look.wall, np.float32)
-        tile = np.asarray(colors * tone[..., None] * self._piece_tone[np.searchsorted(self._pieces, z)][:, None, :], np.float32)
-        tile += dirty[..., None] * (np.asarray(look.dirt, np.float32) * tone[..., None] - tile)
-        brush = Brush(tile, z, angle, sewer.radius, look, self._seed)
+        # the lamp's own unevenness is painted on: a crawler hardly rolls
+        side = 1 + np.float32(look.lamp_side) * np.cos(angle - np.float32(look.lamp_angle))
+        tone *= side
+        clean = tone * (1 - dirty)
+        dirty *= tone
+        piece = self._piece_tone[np.searchsorted(self._pieces, z)]
+        channels = zip(look.wall, look.dirt, piece.T, strict=True)
+        planes = [clean * (np.float32(wall) * tint)[:, None] + dirty * np.float32(dirt) for wall, dirt, tint in channels]
+        tile = np.asarray(cv2.merge(planes), np.float32)
+        brush = Brush(tile, z, angle, fine, sewer.radius, look, self._seed)
         self._joints(brush)
         for index, thing in enumerate(sewer.things):
             paint_thing(brush, thing, index)
         tile[z > sewer.length] *= np.float32(0.08)
-        return np.clip(tile * 180, 0, 255).astype(np.uint8)
+        return np.clip(tile * ALBEDO_STEPS, 0, 255).astype(np.uint8)
 
     def _fine(self, number: int) -> Array:
         """Grain that repeats after some tiles only: two periodic pictures, shifted differently."""
@@ -138,7 +147,7 @@ class Wall:
             if rows.start >= rows.stop:
                 continue
             rng = np.random.default_rng([self._seed, 43, index])
-            edge = np.float32(0.12 * joint.width) * circle_noise(rng, 40) + np.float32(joint.chainage)
+            edge = np.float32(0.05 * joint.width) * circle_noise(rng, 12) + np.float32(joint.chainage)
             along = brush.z[rows, None] - edge[None, :]
             gap = np.clip(
                 (np.float32(joint.width / 2) - np.abs(along)) / np.float32(0.25 * joint.width) + np.float32(0.5), 0, 1

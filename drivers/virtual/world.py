@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.virtual.landmarks import LandmarkTruth, Thing, truths
 from drivers.virtual.profile import PipeProfile
+from drivers.virtual.relief import Relief, march
 
 NOTHING, WALL, END, WATER, DEPOSIT, CHAMBER, JOINT = range(7)
 """Materials that a ray can end on."""
@@ -59,6 +60,11 @@ class VirtualSewer:
         """What is in it and where, in the order of chainage."""
         return truths(self.things, self.radius)
 
+    @cached_property
+    def relief(self) -> Relief:
+        """What stands out of the wall or opens in it."""
+        return Relief(self.things, self.radius, pockets=True)
+
     def cast(self, position: NDArray[np.float64], rotation: NDArray[np.float64], rays: Array) -> Hits:
         """Where rays (..., 2) of (X/Z, Y/Z) of a camera at ``position`` (3,) with ``rotation`` (3, 3), camera to pipe, end."""
         direction = np.concatenate([rays, np.ones((*rays.shape[:-1], 1), np.float32)], axis=-1) @ rotation.T.astype(np.float32)
@@ -66,6 +72,8 @@ class VirtualSewer:
         ox, oy, oz = (np.float32(value) for value in position)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth, material = self._wall(ox, oy, dx, dy, dz, oz)
+            if self.relief:
+                depth, material = self._stand_out(depth, material, position, direction)
             chainage = oz + depth * dz
             mouth = np.where(dz > 0, -oz / dz, np.inf)
             outside = chainage < 0
@@ -114,6 +122,34 @@ class VirtualSewer:
                 depth[ring] = np.where(np.abs(dz[ring]) > 1e-6, flank, floor)
                 material[ring] = JOINT
         return np.asarray(depth, np.float32), material
+
+    def _stand_out(
+        self, depth: Array, material: NDArray[np.uint8], position: NDArray[np.float64], direction: Array
+    ) -> tuple[Array, NDArray[np.uint8]]:
+        """Rays that meet a landmark end on it. A pipe that is not round keeps its shape: the height counts from its wall."""
+        ox, oy, oz = (float(value) for value in position)
+        hit = direction * depth[..., None]
+        z, angle = hit[..., 2] + np.float32(oz), np.arctan2(hit[..., 1] + np.float32(oy), hit[..., 0] + np.float32(ox))
+        near = self.relief.near(z, angle)
+        if not near.any():
+            return depth, material
+        rays = direction[near]
+        local = 0.0 if self.profile.round else 1.0
+
+        def height(z: Array, angle: Array) -> Array:
+            shape = np.float32(local) * (np.float32(self.radius) - self.profile.radius(angle))
+            return np.asarray(self.relief.height(z, angle) + shape, np.float32)
+
+        spread = local * max(abs(radius - self.radius) for radius in self.profile.radii)
+        low, high = self.relief.low - spread, self.relief.high + spread
+        met = march(height, self.radius, low, high, (ox, oy, oz), (rays[:, 0], rays[:, 1], rays[:, 2]))
+        depth = depth.copy()
+        nominal, changed = depth[near], np.abs(met - depth[near]) > 1e-4
+        depth[near] = np.where(changed, met, nominal)
+        kind = material[near]
+        kind[changed & (met < nominal)] = DEPOSIT
+        material[near] = kind
+        return depth, material
 
     def _bed(
         self,

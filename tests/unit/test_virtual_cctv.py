@@ -7,10 +7,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.virtual.camera import CctvCamera, on_wall
 from drivers.virtual.cctv import Renderer, render
+from drivers.virtual.furnish import furnished_sewer
+from drivers.virtual.landmarks import Connection, DisplacedJoint, Fracture, Patch, Roots, Thing
 from drivers.virtual.look import Look, random_look
 from drivers.virtual.profile import circular, egg
 from drivers.virtual.rig import Pose
@@ -34,7 +38,7 @@ def look_at(sewer: VirtualSewer, pose: Pose, look: Look = CLEAN, seed: int = 1) 
 # --- rings ---
 
 
-@pytest.mark.parametrize("ahead", [0.3, 0.5, 0.9])
+@pytest.mark.parametrize("ahead", [0.3, 0.8])
 @pytest.mark.parametrize("diameter", [0.3, 0.6])
 def test_a_joint_is_a_dark_ring_of_radius_f_r_over_z(ahead: float, diameter: float) -> None:
     ahead *= diameter / 0.3
@@ -117,6 +121,132 @@ def test_an_egg_is_not_drawn_round() -> None:
     rows, columns = np.nonzero(dark)
     assert np.ptp(rows) / CAMERA.fy == pytest.approx(0.45 / 0.5, rel=0.05)
     assert np.ptp(columns) / CAMERA.fx == pytest.approx(0.30 / 0.5, rel=0.06)
+
+
+# --- landmarks ---
+
+
+def changed(thing: Thing, pose: Pose, look: Look = CLEAN, seed: int = 1, water: float = 0.0) -> NDArray[np.float64]:
+    """Grey levels (H, W) that a landmark takes away from the picture of the empty pipe."""
+    joints = (Joint(2.5, 0.02),)
+    bare = VirtualSewer(circular(0.3), 20.0, water, joints=joints)
+    return gray(look_at(bare, pose, look, seed)) - gray(look_at(replace(bare, things=(thing,)), pose, look, seed))
+
+
+def outline(thing: Thing, pose: Pose) -> NDArray[np.float64]:
+    """(n, 2) pixels of the border of what a landmark covers."""
+    begin, end, left, right = thing.reach(0.15)
+    angle = np.concatenate([np.linspace(left, right, 20), np.linspace(right, left, 20)])
+    chainage = np.repeat([begin, end], 20)
+    return CAMERA.project(pose, on_wall(0.15, chainage, angle))
+
+
+@pytest.mark.parametrize(("angle", "pose"), [(-2.6, Pose(chainage=2.0)), (-1.4, ASKEW), (0.2, ASKEW)])
+def test_a_connection_is_a_dark_blob_where_its_truth_is_projected(angle: float, pose: Pose) -> None:
+    hole = Connection(2.5, angle, 0.12)
+    dark = changed(hole, pose) > 60
+    rim = np.linspace(0, 2 * np.pi, 60)
+    turned = np.arcsin(0.06 * np.cos(rim) / 0.15)
+    border = CAMERA.project(pose, on_wall(0.15, 2.5 + 0.06 * np.sin(rim), angle + turned)).astype(np.float32)
+    v, u = np.mgrid[:576, :720]
+    inside = np.zeros((576, 720), np.uint8)
+    cv2.fillPoly(inside, [np.round(border).astype(np.int32)], 1)
+    blob = inside > 0
+    assert (dark & blob).sum() / (dark | blob).sum() > 0.6
+    assert np.hypot(u[dark].mean() - u[blob].mean(), v[dark].mean() - v[blob].mean()) < 12
+
+
+def test_a_deposit_lies_in_its_patch_and_stands_out_of_the_water() -> None:
+    patch = Patch(2.4, 3.2, np.pi / 2 + 0.1, 0.5, 0.03)
+    pose = Pose(chainage=2.0)
+    for water in (0.0, 0.012):
+        difference = np.abs(changed(patch, pose, water=water)) > 12
+        area = np.zeros((576, 720), np.uint8)
+        cv2.fillPoly(area, [np.round(outline(patch, pose)).astype(np.int32)], 1)
+        area = cv2.dilate(area, np.ones((25, 25), np.uint8))
+        assert (difference & (area > 0)).sum() > 3000
+        assert (difference & (area > 0)).sum() > 0.8 * difference.sum(), "its shadow and mirror image aside"
+
+
+def test_of_a_displaced_joint_the_face_shows_on_its_side() -> None:
+    # the pipe behind stands in at 3 o'clock: its edge is at f (R - step) / Z there, and the face between that and f R / Z
+    step, pose = DisplacedJoint(2.5, 0.0, 0.02), Pose(chainage=2.0)
+    profile = np.abs(changed(step, pose))[287]
+    outer, inner = 431.25 * 0.15 / 0.5, 431.25 * 0.13 / 0.5
+    right = np.flatnonzero(profile[360:] > 15)
+    assert right[0] < inner + 6
+    face = profile[360 + int(inner) + 2 : 360 + int(outer) - 2]
+    assert np.mean(face > 8) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_fracture_is_thin_and_dark_along_its_way(seed: int) -> None:
+    crack, pose = Fracture(2.3, 2.7, -1.2, -0.9), Pose(chainage=2.0)
+    dark = changed(crack, pose, seed=seed) > 25
+    assert 100 < dark.sum() < 15_000
+    share = np.linspace(0.05, 0.95, 12)
+    way = CAMERA.project(pose, on_wall(0.15, 2.3 + 0.4 * share, -1.2 + 0.3 * share))
+    near = cv2.dilate(dark.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0
+    seen = [near[round(v), round(u)] for u, v in way if 0 <= u < 719 and 0 <= v < 575]
+    assert np.mean(seen) > 0.7
+
+
+def test_roots_hang_in_at_their_joint() -> None:
+    roots, pose = Roots(2.5, -np.pi / 2, 0.4, 0.08, 40), Pose(chainage=2.0)
+    difference = np.abs(changed(roots, pose)) > 10
+    v, u = np.nonzero(difference)
+    assert difference.sum() > 800
+    assert u.mean() == pytest.approx(CAMERA.cx, abs=25)
+    # from the crown at 460 * 0.15 / 0.5 = 138 px above the middle down to where they end
+    assert CAMERA.cy - 138 - 25 < np.quantile(v, 0.02)
+    assert CAMERA.cy - 138 < v.mean() < CAMERA.cy - 30
+    assert not difference[300:].any()
+
+
+def test_water_mirrors_and_lies_level() -> None:
+    sewer = VirtualSewer(circular(0.3), 20.0)
+    pose, look = Pose(chainage=2.0), replace(CLEAN, water=(0.0, 0.0, 0.0))
+    dry, wet = (gray(look_at(replace(sewer, water=water), pose, look)) for water in (0.0, 0.05))
+    changed_rows, changed_columns = np.nonzero(np.abs(wet - dry) > 8)
+    # its shore at the near edge of the picture: y = 0.10, x = sqrt(0.15^2 - 0.10^2), so v / u = fy y / (fx x)
+    bottom = changed_columns[changed_rows == 574]
+    half = np.sqrt(0.15**2 - 0.10**2) / 0.10 * (575 - CAMERA.cy) * CAMERA.fx / CAMERA.fy
+    assert np.ptp(bottom) / 2 == pytest.approx(half, rel=0.06)
+    assert (wet < dry - 8).sum() > 0.95 * len(changed_rows), "black water only darkens"
+    assert changed_rows.min() > CAMERA.cy
+
+
+def test_flowing_water_moves_while_the_wall_stands() -> None:
+    sewer = VirtualSewer(circular(0.3), 20.0, water=0.05)
+    look = replace(CLEAN, grain=0.2, ripples=0.06)
+    renderer = Renderer(sewer, CAMERA, look, 1)
+    one, other = (gray(renderer.picture(Pose(chainage=2.0), np.random.default_rng(1), moment=t)) for t in (0.0, 0.5))
+    difference = np.abs(one - other)
+    assert difference[:280].max() == 0
+    assert difference[450:, 300:420].mean() > 1
+
+
+def test_burned_in_text_is_there_and_nowhere_else() -> None:
+    renderer = Renderer(VirtualSewer(circular(0.3), 20.0), CAMERA, replace(CLEAN, text=True), 1)
+    plain = gray(renderer.picture(Pose(chainage=2.0), np.random.default_rng(1)))
+    lettered = gray(renderer.picture(Pose(chainage=2.0), np.random.default_rng(1), texts=("0012.30 m", "00:12")))
+    rows, columns = np.nonzero(plain != lettered)
+    assert (rows.min() > 480, columns.max() < 250) == (True, True)
+    assert lettered[rows, columns].max() > 220
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=4, deadline=None)
+def test_any_furnished_pipe_can_be_drawn_from_anywhere_in_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sewer = furnished_sewer(rng, 12.0, float(rng.choice([0.2, 0.3, 0.6])))
+    radius = sewer.radius
+    for _ in range(2):
+        right, down = rng.uniform(-0.3, 0.3, 2) * radius
+        pose = Pose(float(right), float(down), float(rng.uniform(-0.5, 12.5)), *(float(a) for a in rng.normal(0, 0.1, 3)))
+        small = CctvCamera(96.0, 102.0, 79.5, 63.5, 160, 128)
+        picture = render(sewer, small, pose, rng, random_look(rng), replace(pose, chainage=pose.chainage - 0.004))
+        assert picture.shape == (128, 160, 3)
 
 
 # --- the recorder ---
