@@ -25,6 +25,8 @@ Gray = NDArray[np.uint8]
 
 SLOW = 0.02
 """Below this speed (m/s) motion is too small to tell where the camera goes."""
+SURE_PX = 8.0
+"""Standard deviation of a centre from flow that is worth more than a second ring."""
 RINGS_EVERY_M = 0.05
 """Rings are looked for after so much way: from the same place the same rings are seen."""
 DARK_PX = 30.0
@@ -66,7 +68,6 @@ class Looking:
         self._pictures = 0
         self._leans: deque[NDArray[np.float64]] = deque(maxlen=LEAN_MEMORY)
         self._map = RingMap(known, JointConfig(position_std=SPARSE_STD) if sparse else None)
-        self._aspects: deque[float] = deque(maxlen=200)
         self._looked_at: float | None = None
         self._ellipses: tuple[tuple[tuple[float, float], tuple[float, float], float], ...] = ()
         self._solved = 0
@@ -121,7 +122,7 @@ class Looking:
     @property
     def aspect(self) -> float:
         """fx / fy as the rings show it, 1 where they do not."""
-        return float(np.median(self._aspects)) if len(self._aspects) >= 10 else 1.0
+        return self._map.aspect
 
     def _flow(self, gray: Gray, position: Position | None) -> tuple[Flow | None, Foe | None]:
         assert self._follower is not None  # look() made it
@@ -143,11 +144,11 @@ class Looking:
 
     def _rings(self, gray: Gray, number: int, chainage: float) -> None:
         assert self._follower is not None  # look() made it
-        rings = find(gray, dark_centre(gray) if self._sparse else self._follower.centre)
+        rings = find(gray, dark_centre(gray) if self._sparse else self._follower.centre, aspect=self.aspect)
         self._ellipses = tuple(_ellipse(ring) for ring in rings)
         self._map.add(number, chainage, rings)
-        self._aspects.extend(ring.across / ring.upright for ring in rings)
-        view = axis_view(rings)
+        foe = None if self._sparse or self._std() > SURE_PX else (self._follower.centre, self._std())
+        view = axis_view(rings, foe=foe)
         if view is not None:
             self._leans.append(view.lean)
         if self._sparse:  # flow knows better, where there is any

@@ -4,7 +4,7 @@ rings' centres extrapolated to 1/Z = 0 beside those of rings marked by hand (fig
 BORESCOUT_DATA=... python -m tests.bench.cctv_run [--overlays FOLDER]
 
 Lengths are in the unit of the counter, which the recording does not state. Marked by hand, with a pixel grid over the enlarged
-picture and before any ring was drawn into it, were two rings of each straight-ahead picture that shows two: a picture a second
+picture, were two rings of each straight-ahead picture that shows two: a picture a second
 is too coarse for flow (printed beside: what it gives), so that the marks stand for the focus of expansion.
 """
 
