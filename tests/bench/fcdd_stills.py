@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--rendered-versions", type=int, default=2)
     chosen = vars(parser.parse_args())
     only = chosen.pop("by")
-    data = data_folder() / "cctv_stills"
+    data = data_folder().parent / "cctv_stills"
     for by in ("cluster", "collection") if only is None else (only,):
         wanted = Wanted(data=data, out=Path("unused.onnx"), by=by, **chosen)
         lessons, scores = train_scores(wanted, lambda line: print(line, file=sys.stderr))
