@@ -296,11 +296,12 @@ def _grains(rng: np.random.Generator, height: int, width: int) -> Picture:
 
 
 def _write(picture: Picture, texts: tuple[str, ...]) -> None:
-    """White letters on a dark seam, at the lower left."""
+    """White letters on dark bars, at the lower left."""
     for line, text in enumerate(reversed(texts)):
-        at = (24, picture.shape[0] - 28 - 30 * line)
-        for color, thick in (((0, 0, 0), 4), ((235, 235, 235), 2)):
-            cv2.putText(picture, text, at, cv2.FONT_HERSHEY_DUPLEX, 0.8, color, thick, cv2.LINE_AA)
+        left, base = 24, picture.shape[0] - 28 - 30 * line
+        (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 0.8, 1)
+        picture[base - height - 3 : base + below, left - 4 : left + width + 4] //= 4
+        cv2.putText(picture, text, (left, base), cv2.FONT_HERSHEY_DUPLEX, 0.8, (235, 235, 235), 1, cv2.LINE_AA)
 
 
 def _grain_play(noise: Picture, camera: CctvCamera) -> int:

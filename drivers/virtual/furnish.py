@@ -23,18 +23,22 @@ def furnished_sewer(rng: np.random.Generator, length: float, diameter: float) ->
     wanted = [label for label, count in COUNTS.items() for _ in range(max(1, round(count * length / 25.0)))]
     rng.shuffle(wanted)
     slots = np.linspace(1.8, length - 1.8, len(wanted) + 1)
+    water = float(rng.uniform(0.02, 0.06)) * diameter if rng.random() < 0.6 else 0.0
     things = [
-        _thing(label, float(begin), float(end), joints, diameter / 2, rng)
+        _thing(label, (float(begin), float(end)), joints, diameter / 2, water, rng)
         for label, begin, end in zip(wanted, slots[:-1], slots[1:], strict=True)
     ]
-    water = float(rng.uniform(0.03, 0.09)) * diameter if rng.random() < 0.6 else 0.0
     return VirtualSewer(
         circular(diameter), length, water, joints=tuple(Joint(float(z), _JOINT_M) for z in joints), things=tuple(things)
     )
 
 
-def _thing(label: str, begin: float, end: float, joints: np.ndarray, radius: float, rng: np.random.Generator) -> Thing:
-    """One landmark of a kind between two chainages; what belongs to a joint lies at one, where there is one."""
+def _thing(
+    label: str, slot: tuple[float, float], joints: np.ndarray, radius: float, water: float, rng: np.random.Generator
+) -> Thing:
+    """One landmark of a kind between two chainages; what belongs to a joint lies at one, where there is one, and a deposit
+    stands out of the ``water`` (m)."""
+    begin, end = slot
     room = end - begin
     at = begin + room * float(rng.uniform(0.25, 0.75))
     own = joints[(joints > begin + 0.1) & (joints < end - 0.1)]
@@ -45,7 +49,9 @@ def _thing(label: str, begin: float, end: float, joints: np.ndarray, radius: flo
     if label == "deposit":
         half = room * float(rng.uniform(0.2, 0.4))
         angle = math.pi / 2 + float(rng.normal(0, 0.15))
-        return Patch(at - half, at + half, angle, float(rng.uniform(0.3, 0.65)), radius * float(rng.uniform(0.08, 0.2)))
+        return Patch(
+            at - half, at + half, angle, float(rng.uniform(0.3, 0.65)), 1.3 * water + radius * float(rng.uniform(0.08, 0.2))
+        )
     if label == "displaced joint":
         return DisplacedJoint(joint, float(rng.uniform(-math.pi, math.pi)), radius * float(rng.uniform(0.07, 0.14)))
     if label == "fracture":

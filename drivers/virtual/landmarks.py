@@ -80,7 +80,7 @@ class DisplacedJoint:
 
     def reach(self, radius: float) -> tuple[float, float, float, float]:
         """Chainage from, to, angle from, to of the crescent that is seen of it."""
-        return self.chainage, self.chainage, self.angle - math.pi / 3, self.angle + math.pi / 3
+        return self.chainage, self.chainage, self.angle - math.pi / 4, self.angle + math.pi / 4
 
     truth = reach
 
