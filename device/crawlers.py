@@ -7,6 +7,7 @@ from typing import Any
 
 from device.config import CrawlerSettings, Settings
 from device.crawler import Crawler, Optics
+from device.detectors import Detector
 from device.errors import Invalid
 from device.feed import EncoderFeed, GrabberFeed
 from device.store import Store
@@ -36,7 +37,15 @@ def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]
         reader=_reader(crawler),
         optics=Optics(crawler.focal_px, crawler.centre_px),
         radius=crawler.radius_m,
+        detector=_detector,
     )
+
+
+def _detector() -> Detector:
+    """The shipped network; loaded when a drive begins."""
+    from device.fcdd_detector import shipped_detector
+
+    return shipped_detector()
 
 
 def _grabber(settings: CrawlerSettings, on_change: Callable[[], None]) -> GrabberFeed | None:

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from device.detections_file import read_detections, read_rig
-from device.detectors import Detector, NoDetector
+from device.detectors import Detector
 from device.errors import Invalid
 from device.json_text import dumps
 from device.map_output import print_map
@@ -191,10 +191,12 @@ def _recording(wanted: Options) -> Map:
 
         run = VirtualRun(wanted.seed)
         return map_frames(run.frames(), run.frame_count, run.way(), run.setup(), run.detector(), wanted.length)
+    from device.fcdd_detector import shipped_detector  # onnxruntime, which --help does without
+
     recording = _Recording(wanted)
     way = recording.way()
     setup = replace(wanted.setup(), sparse=recording.sparse)
-    return map_frames(recording.frames(), recording.count, way, setup, NoDetector(), wanted.length)
+    return map_frames(recording.frames(), recording.count, way, setup, shipped_detector(), wanted.length)
 
 
 class _Recording:

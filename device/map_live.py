@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from device.detectors import NoDetector
 from device.errors import Invalid
+from device.fcdd_detector import shipped_detector
 from device.feed import EncoderFeed, Feed, GrabberFeed
 from device.map_command import Map, finished, warn
 from device.prompts import PROMPTS
@@ -53,7 +53,7 @@ def _drive(wanted: Options, grabber: GrabberFeed, encoder: EncoderFeed | None) -
     if encoder is not None and encoder.latest is not None:
         calibration = calibration.zeroed_at(encoder.latest)
     placing = Placing(calibration, None if encoder is not None else OsdEncoder(OsdReader(wanted.region())))
-    pipeline = LandmarkPipeline(wanted.setup(), NoDetector())
+    pipeline = LandmarkPipeline(wanted.setup(), shipped_detector())
     faults = FaultWatch()
     frames = grabber.tap(2)
     readings = None if encoder is None else encoder.tap(4096)
