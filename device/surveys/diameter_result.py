@@ -21,6 +21,8 @@ from estimators.pinhole import Intrinsics, project_rays
 from estimators.profile import Profile
 from estimators.recording import RecordingEstimate, combine
 
+ALIKE = 1.2
+"""Intervals that differ by less than this factor tell no better camera: their shape terms are estimates themselves."""
 Result = dict[str, Any]
 SINGLE_FRAME_RESAMPLES = 10
 LIVE_FRAMES = 10
@@ -95,8 +97,8 @@ def diameter_result(frames: Sequence[FrameEstimate], context: PipeContext, quali
 
 
 def choose(results: Sequence[Result]) -> Result:
-    """Of several recordings of one pipe the surer one: accepted before refused, then of two cameras the one with the narrower
-    interval, which knows of the camera's own error, and of two positions the one with the smaller radius std.
+    """Of several recordings of one pipe the surer one: accepted before refused, then of two cameras the one with the clearly
+    narrower interval, which knows of the camera's own error, and then the one with the smaller radius std.
 
     Two positions settle a ``second_position``; two accepted results that differ by more than the tolerance settle nothing.
     """
@@ -106,7 +108,7 @@ def choose(results: Sequence[Result]) -> Result:
     if len(positions) > 1:
         results = [_without(result, "second_position") for result in results]
     two_cameras = len({result.get("camera") for result in results}) > 1
-    best = min(results, key=lambda result: _unsureness(result, two_cameras))
+    best = min(_clearly_narrowest(results) if two_cameras else results, key=_unsureness)
     rivals = [
         other
         for other in results
@@ -171,10 +173,16 @@ def _trust(recording: RecordingEstimate, refused: bool) -> float:
     return min(trust, 0.69) if refused else max(trust, 0.7)
 
 
-def _unsureness(result: Result, by_interval: bool) -> tuple[bool, float]:
-    interval, spread = result["interval_mm"], result["radius_std_mm"]
-    doubt = (interval[1] - interval[0] if interval else None) if by_interval else spread
-    return result["verdict"] != "accept", math.inf if doubt is None else doubt
+def _unsureness(result: Result) -> tuple[bool, float]:
+    spread = result["radius_std_mm"]
+    return result["verdict"] != "accept", math.inf if spread is None else spread
+
+
+def _clearly_narrowest(results: Sequence[Result]) -> list[Result]:
+    """Of the accepted ones, or of all where none is, those whose interval is not clearly wider than the narrowest."""
+    sound = [result for result in results if result["verdict"] == "accept"] or list(results)
+    widths = [math.inf if result["interval_mm"] is None else float(np.ptp(result["interval_mm"])) for result in sound]
+    return [result for result, width in zip(sound, widths, strict=True) if width <= ALIKE * min(widths)]
 
 
 def _without(result: Result, code: str) -> Result:

@@ -76,6 +76,7 @@ def test_the_device_keeps_what_the_fake_promises_of_a_drive(box: Bench) -> None:
     fake, device = FakeDevice(), box.device
     survey_id = device.start_drive()["survey_id"]
     fake_id = fake.start_drive()["survey_id"]
+    box.wait(lambda: device.drive()["chainage_m"] is not None)
     device.mark_landmark("roots", 4.5, "seen")
     fake.mark_landmark("roots", 4.5, "seen")
     events = {"fake": fake.subscribe(), "real": device.subscribe()}
