@@ -111,7 +111,9 @@ def rendered_lessons(pipes: int, seed: int, work: Path) -> list[Lesson]:
             labels.append([name in seen for name in names])
             weights.append([name in CLASSES and name not in frame.unsure for name in names])
         part = file.with_suffix(".part.npz")
-        np.savez(part, pictures=np.stack(pictures), labels=np.float32(labels), weights=np.float32(weights))
+        np.savez(
+            part, pictures=np.stack(pictures), labels=np.asarray(labels, np.float32), weights=np.asarray(weights, np.float32)
+        )
         part.replace(file)
     kept = np.load(file)
     deposit = CLASSES.index("deposit")

@@ -91,10 +91,8 @@ class Fcdd:
         found = self.maps(prepared(picture, self.card.size))
         if mirrored:
             other = self.maps(prepared(np.ascontiguousarray(picture[:, ::-1]), self.card.size))[:, :, ::-1]
-            scores = (found.mean(axis=(1, 2)) + other.mean(axis=(1, 2))) / 2
-            found = (found + other) / 2
-        else:
-            scores = found.mean(axis=(1, 2))
+            found = np.asarray((found + other) / 2, found.dtype)
+        scores = found.mean(axis=(1, 2))
         named = {label: 1.0 - math.exp(-float(z)) for label, z in zip(self.card.classes, scores, strict=True)}
         return Seen(self.card, found, named)
 
