@@ -18,8 +18,8 @@ class FlowConfig:
     between a point and where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px)
     the mean motion that a step waits for, up to ``patience`` pictures."""
 
-    spacing: int = 20
-    window: int = 15
+    spacing: int = 22
+    window: int = 13
     levels: int = 2
     agreement: float = 0.5
     texture: float = 2e-4

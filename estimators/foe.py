@@ -59,8 +59,10 @@ class FoeConfig:
     """Prior of the axis offset over the radius."""
     least_share: float = 0.35
     """Inliers below which the camera turns, or nothing is to be seen."""
-    plenty: float = 0.7
+    plenty: float = 0.5
     """Share of inliers that asks for no second opinion."""
+    least_expansion: float = 3.0
+    """What the expansion must exceed, in its standard deviations: else the camera stands, or only turns."""
     most_turn: float = 0.6
     """Share of the common shift in all motion above which the camera turns."""
     alike: float = 3.0
@@ -175,8 +177,12 @@ def _fit(flow: Flow, start: Array, config: FoeConfig) -> Foe | None:
     turning = turn > config.most_turn * (turn + expansion)
     if share < config.least_share or turning or np.count_nonzero(inliers) < FEWEST:
         return None
-    covariance = np.asarray(np.linalg.inv(information)[:2, :2] * config.alike, np.float64)
-    return Foe(x[:2], covariance, share, points.shape[1], float(x[2]), (float(x[3]), float(x[4])), (float(x[6]), float(x[7])))
+    spread = np.asarray(np.linalg.inv(information) * config.alike, np.float64)
+    if abs(x[2]) < config.least_expansion * np.sqrt(spread[2, 2]) * units[2]:
+        return None
+    return Foe(
+        x[:2], spread[:2, :2], share, points.shape[1], float(x[2]), (float(x[3]), float(x[4])), (float(x[6]), float(x[7]))
+    )
 
 
 def _model(points: Array, x: Array) -> tuple[Array, Array]:
