@@ -103,7 +103,7 @@ def test_standing_turning_and_darkness_give_no_centre() -> None:
     turning = Flow(field((350, 290)).points, np.tile([6.0, 0.5], (len(field((350, 290)).points), 1)), 252)
     assert estimate(turning, rng) is None
     assert estimate(Flow(np.empty((0, 2)), np.empty((0, 2)), 250), rng) is None
-    trembling = Flow(turning.points, rng.normal(0, 0.17, turning.motion.shape) + [0.3, 0], 252)
+    trembling = Flow(turning.points, rng.normal((0.3, 0.0), 0.17, turning.motion.shape), 252)
     for seed in range(10):
         assert estimate(trembling, np.random.default_rng(seed)) is None
     noise = Flow(turning.points, rng.normal(0, 5, turning.motion.shape), 252)
