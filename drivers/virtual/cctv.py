@@ -32,8 +32,9 @@ _MARGIN = 2
 """Coarse cells around the picture, so that enlarging needs no guess at its border."""
 _NEAREST_RING_PX = 9.0
 """Rings smaller than this (px) are the dark at the end of the pipe."""
-_RELIEF_M = 5.0
+_RELIEF_M = 3.5
 """What stands out of the wall farther ahead than this is drawn flat."""
+_SHELLS = 9
 _HEIGHT_M = 0.005
 
 
@@ -185,7 +186,7 @@ class Renderer:
         if near.any():
             rays = (ray[0][near], ray[1][near], ray[2][near])
             radius, low, high = self.sewer.radius, self._relief.low, self._relief.high
-            depth[near] = march(self._heights, radius, low, high, (pose.right, pose.down, pose.chainage), rays)
+            depth[near] = march(self._heights, radius, low, high, (pose.right, pose.down, pose.chainage), rays, _SHELLS)
 
     def _heights(self, z: Array, angle: Array) -> Array:
         """Of the relief, from a table."""

@@ -16,7 +16,6 @@ Height = Callable[[Array, Array], Array]
 Raised = Connection | Patch | DisplacedJoint
 SETTLED_M = 1.2
 """Behind a displaced joint the pipe is back in line after so much (m)."""
-_SHELLS = 16
 _FOOT = 0.25
 """Share of a deposit's length and width over which it rises."""
 
@@ -62,10 +61,17 @@ class Relief:
 
 
 def march(
-    height: Height, radius: float, low: float, high: float, origin: tuple[float, float, float], ray: tuple[Array, Array, Array]
+    height: Height,
+    radius: float,
+    low: float,
+    high: float,
+    origin: tuple[float, float, float],
+    ray: tuple[Array, Array, Array],
+    shells: int = 16,
 ) -> Array:
     """Depth along rays (n,) at which they meet the surface at ``radius`` less ``height``, which lies between ``low`` and
-    ``high``: through shells of growing radius, the last step by the secant. The nominal wall where they meet nothing."""
+    ``high``: through so many ``shells`` of growing radius, the last step by the secant. Rays that meet nothing end on the last
+    shell."""
     (ox, oy, oz), (dx, dy, dz) = origin, ray
     a = dx * dx + dy * dy + np.float32(1e-12)
     b = np.float32(ox) * dx + np.float32(oy) * dy
@@ -73,7 +79,7 @@ def march(
     hit = np.zeros(dx.shape, bool)
     met = np.zeros(dx.shape, np.float32)
     depth_before = gap_before = np.zeros(dx.shape, np.float32)
-    for shell in np.linspace(radius - high, radius - low, _SHELLS):
+    for shell in np.linspace(radius - high, radius - low, shells):
         depth = (np.sqrt(np.maximum(b * b - a * (away - np.float32(shell**2)), 0)) - b) / a
         z, angle = np.float32(oz) + depth * dz, np.arctan2(np.float32(oy) + depth * dy, np.float32(ox) + depth * dx)
         gap = np.float32(shell - radius) + height(z, angle)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -20,8 +21,12 @@ from tests.unit.grabber_contract import LiveGrabberContract, LiveRig, RecordingC
 SMALL = CctvCamera(96.0, 102.0, 79.5, 63.5, 160, 128)
 
 
-def footage(metres: float = 0.2, speed: float = 0.3) -> Footage:
-    return Footage(Drive(VirtualSewer(circular(0.3), 8.0), (Go(metres, speed),), camera=SMALL, seed=3))
+@lru_cache(maxsize=1)
+def footage() -> Footage:
+    """One for all tests, its wall painted once."""
+    found = Footage(Drive(VirtualSewer(circular(0.3), 8.0), (Go(0.2, 0.3),), camera=SMALL, seed=3))
+    found.picture(0.0, 0)
+    return found
 
 
 class Live(LiveRig):
