@@ -98,12 +98,12 @@ def _from_manifest(folder: Path, manifest: Path) -> list[Still]:
 def _still(folder: Path, manifest: Path, row: Any) -> Still:
     if not isinstance(row, dict) or not isinstance(row.get("image"), str) or not isinstance(row.get("labels"), list):
         raise Invalid(f"Every entry of {manifest} must have an image and a list of labels.")
-    path = folder / row["image"]
-    if not path.resolve().is_relative_to(folder.resolve()):
+    named = Path(row["image"])
+    if named.is_absolute() or ".." in named.parts:
         raise Invalid(f"The manifest {manifest} names an image outside its folder: {row['image']}.")
     labels = frozenset(class_name(str(label)) for label in row["labels"])
     source = row.get("source", row.get("collection", row["image"]))
-    return Still(path, labels, str(row.get("cluster", row["image"])), str(source))
+    return Still(folder / named, labels, str(row.get("cluster", row["image"])), str(source))
 
 
 def _from_folders(folder: Path) -> Iterator[Still]:

@@ -10,6 +10,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
 
 from estimators.fcdd_training.network import Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
+from estimators.fcdd_training.placed import GAIN, MARGIN, CellRule, fit_cells, grafted  # noqa: E402
 from estimators.fcdd_training.training import Material, TrainConfig, fit, predict  # noqa: E402
 
 
@@ -82,3 +83,32 @@ def test_a_head_learns_what_can_be_seen_and_repeats_itself() -> None:
         assert unseen[labels[40:, column] > 0].mean() > unseen[labels[40:, column] == 0].mean() + 0.3
     again = predict(fit(material, rows, config, {}, seed=1), tuple(tap[0] for tap in taps))
     assert np.array_equal(found, again)
+
+
+def test_a_grafted_rule_is_the_map_of_its_class_and_leaves_the_others() -> None:
+    torch.manual_seed(2)
+    head = Fcdd(3, 16, 8).eval().head
+    for scale in head.scales:
+        scale.running_mean.normal_()
+        scale.running_var.uniform_(0.5, 2)
+    features = tuple(torch.randn(1, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
+    rng = np.random.default_rng(6)
+    rule = CellRule(rng.normal(0, 0.05, 512).astype(np.float32), 0.3)
+    with torch.no_grad():
+        before, after = head(features), grafted(head, 1, rule)(features)
+        coarse = torch.nn.functional.interpolate(features[2], size=(15, 20), mode="bilinear")
+        side_by_side = torch.cat([*features[:2], coarse], dim=1).numpy()
+    unit = np.clip(rule.logits(side_by_side)[0] + MARGIN, 0, 6)
+    assert np.allclose(after[0, 1].numpy(), np.sqrt((GAIN * unit) ** 2 + 1) - 1, atol=2e-3)
+    assert torch.allclose(before[:, [0, 2]], after[:, [0, 2]], atol=1e-5)
+
+
+def test_a_rule_of_cells_finds_the_direction_that_tells_them_apart() -> None:
+    rng = np.random.default_rng(7)
+    labels = (rng.random(400) < 0.1).astype(np.float32)
+    cells = rng.normal(size=(400, 6)).astype(np.float32)
+    cells[:, 2] += 4 * labels
+    rule = fit_cells(cells, labels)
+    logits = rule.logits(cells[:, :, None, None])[:, 0, 0]
+    assert logits[labels > 0].min() > np.quantile(logits[labels == 0], 0.95)
+    assert int(np.argmax(np.abs(rule.weight))) == 2
