@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import time
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ from click.testing import CliRunner
 from device.cli import cli
 from device.errors import Invalid
 from device.fcdd_detector import FcddDetector
-from device.fcdd_model import SHIPPED, load_model
+from device.fcdd_model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
 from drivers.grabber.base import VideoFrame
 from estimators.detections import CLASSES
 from estimators.fcdd import Fcdd, ModelBroken, ModelCard, card_of
@@ -146,3 +147,35 @@ def test_evaluate_prints_a_table(tmp_path: Path) -> None:
     assert found.exit_code == 0
     assert "displaced joint" in found.stdout
     assert "few" in found.stdout
+
+
+def test_int8_says_nearly_what_float32_says(network: Fcdd) -> None:
+    small = load_model(SHIPPED_INT8)
+    assert SHIPPED_INT8.stat().st_size < SHIPPED.stat().st_size
+    assert small.card.classes == network.card.classes
+    assert small.card.thresholds == network.card.thresholds
+    for seed in range(6):
+        scores, other = network.see(_picture(seed)).scores, small.see(_picture(seed)).scores
+        assert scores == pytest.approx(other, abs=0.08)
+
+
+def test_the_faster_of_both_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert fastest_model().card.classes == CLASSES
+    slow = Fcdd.maps
+    for waits in (SHIPPED, SHIPPED_INT8):
+        held: list[Fcdd] = []
+
+        def maps(self: Fcdd, x: np.ndarray, held: list[Fcdd] = held) -> np.ndarray:
+            if self in held:
+                time.sleep(0.1)
+            return slow(self, x)
+
+        def load(path: Path, threads: int, waits: Path = waits, held: list[Fcdd] = held) -> Fcdd:
+            found = load_model(path, threads)
+            if path == waits:
+                held.append(found)
+            return found
+
+        monkeypatch.setattr(Fcdd, "maps", maps)
+        monkeypatch.setattr("device.fcdd_model.load_model", load)
+        assert fastest_model() not in held
