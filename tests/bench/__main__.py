@@ -23,6 +23,8 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("drive_cost", (), ("--frames", "200", "--runs", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
     ("landmark_smoothing_peers", (), ()),
+    ("fcdd_boxes", (), ()),
+    ("fcdd_cost", (), ("--rounds", "15")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 
