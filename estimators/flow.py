@@ -15,16 +15,16 @@ Gray = NDArray[np.uint8]
 @dataclass(frozen=True)
 class FlowConfig:
     """``spacing`` of the grid (px of the picture that is tracked), ``window`` and ``levels`` of the pyramid, ``agreement`` (px)
-    between a point and where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px)
-    the mean motion that a step waits for, up to ``patience`` pictures."""
+    between a point and where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px
+    of the whole picture) the median motion that a step waits for, up to ``patience`` pictures."""
 
     spacing: int = 22
     window: int = 13
     levels: int = 2
     agreement: float = 0.5
     texture: float = 2e-4
-    least: float = 1.0
-    patience: int = 4
+    least: float = 4.0
+    patience: int = 5
 
 
 @dataclass(frozen=True)
@@ -73,22 +73,31 @@ def _grid(shape: tuple[int, ...], spacing: int) -> NDArray[np.float32]:
 
 
 class Tracker:
-    """Flow from picture to picture at half the size; while the motion is too small to tell a direction it waits."""
+    """Flow at half the size between pictures that are as far apart as the motion needs to tell a direction: what a flow errs by
+    does not grow with its length."""
 
     def __init__(self, config: FlowConfig | None = None) -> None:
         self._config = config or FlowConfig()
         self._reference: Gray | None = None
         self._since = 0
+        self._pace = np.inf
+        """Motion (px) from picture to picture as it was last."""
 
     def step(self, gray: Gray) -> Flow | None:
-        """The flow to ``gray`` (H, W) uint8, in px of ``gray``; None while there is nothing to compare with, or nothing new."""
-        small = np.asarray(cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
-        if self._reference is None or self._reference.shape != small.shape:
-            self._reference, self._since = small, 0
-            return None
+        """The flow to ``gray`` (H, W) uint8, in px of ``gray``; None while there is nothing to compare with, or the motion is
+        likely too small yet."""
         self._since += 1
-        found = flow(self._reference, small, self._config)
-        if found.length < 0.5 * self._config.least and self._since < self._config.patience and len(found.points):
+        same = self._reference is not None and self._reference.shape == (gray.shape[0] // 2, gray.shape[1] // 2)
+        if same and self._since < self._config.patience and self._pace * self._since < self._config.least:
             return None
-        span, self._since, self._reference = self._since, 0, small
-        return Flow(2 * found.points + 0.5, 2 * found.motion, found.tried, span)
+        small = np.asarray(cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=cv2.INTER_AREA), np.uint8)
+        if self._reference is None or not same:
+            self._reference, self._since, self._pace = small, 0, np.inf
+            return None
+        found = flow(self._reference, small, self._config)
+        found = Flow(2 * found.points + 0.5, 2 * found.motion, found.tried, self._since)
+        self._pace = found.length / self._since
+        if found.length < self._config.least and self._since < self._config.patience and len(found.points):
+            return None
+        self._since, self._reference = 0, small
+        return found

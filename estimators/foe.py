@@ -46,7 +46,9 @@ class FoeConfig:
     still: float = 0.25
     """Median motion (px) below which the camera stands."""
     noise: float = 0.12
-    """What a flow errs by (px)."""
+    """What a flow errs by at least (px), and in the paper's way."""
+    most_noise: float = 1.2
+    """What it may err by on a smooth wall in a noisy picture (px)."""
     gate: float = 3.0
     """Of an inlier, in standard deviations."""
     trials: int = 150
@@ -65,7 +67,7 @@ class FoeConfig:
     """What the expansion must exceed, in its standard deviations: else the camera stands, or only turns."""
     most_turn: float = 0.6
     """Share of the common shift in all motion above which the camera turns."""
-    alike: float = 3.0
+    alike: float = 1.0
     """How many neighbouring flows err as one."""
     aspect: float = 1.0
     """fx / fy: see ``video_aspect`` where the camera is not known."""
@@ -157,8 +159,9 @@ def _fit(flow: Flow, start: Array, config: FoeConfig) -> Foe | None:
         model, jacobian = _model(points, x)
         residual = motion - model
         scaled = np.hypot(residual[0], residual[1]) / sigma
+        spread = _spread(scaled, config)
         loosened = max(1.0, 4.0 - step)  # from a rough start the good ones look bad
-        weight = 1 / ((1 + (scaled / (2.0 * loosened)) ** 2) * sigma) ** 2
+        weight = 1 / ((1 + (scaled / (2.0 * loosened * spread)) ** 2) * sigma * spread) ** 2
         design = (jacobian * units[:, None, None]).reshape(8, -1)
         weighted = design * np.concatenate([weight, weight])
         information = weighted @ design.T + np.diag(prior * units**2 + 1e-12)
@@ -170,19 +173,25 @@ def _fit(flow: Flow, start: Array, config: FoeConfig) -> Foe | None:
     if not np.isfinite(x).all():
         return None
     residual = motion - _model(points, x)[0]
-    inliers = np.hypot(residual[0], residual[1]) < config.gate * sigma
+    scaled = np.hypot(residual[0], residual[1]) / sigma
+    inliers = scaled < config.gate * _spread(scaled, config)
     share = float(inliers.mean())
     expansion = float(np.median(np.hypot(motion[0] - x[3], motion[1] - x[4])))
     turn = float(np.hypot(x[3], x[4]))
     turning = turn > config.most_turn * (turn + expansion)
     if share < config.least_share or turning or np.count_nonzero(inliers) < FEWEST:
         return None
-    spread = np.asarray(np.linalg.inv(information) * config.alike, np.float64)
-    if abs(x[2]) < config.least_expansion * np.sqrt(spread[2, 2]) * units[2]:
+    covariance = np.asarray(np.linalg.inv(information) * config.alike, np.float64)
+    if abs(x[2]) < config.least_expansion * np.sqrt(covariance[2, 2]) * units[2]:
         return None
     return Foe(
-        x[:2], spread[:2, :2], share, points.shape[1], float(x[2]), (float(x[3]), float(x[4])), (float(x[6]), float(x[7]))
+        x[:2], covariance[:2, :2], share, points.shape[1], float(x[2]), (float(x[3]), float(x[4])), (float(x[6]), float(x[7]))
     )
+
+
+def _spread(scaled: Array, config: FoeConfig) -> float:
+    """How much larger the noise of this picture is than the least, by the median of ``scaled`` (n,) lengths of residuals."""
+    return float(np.clip(np.median(scaled) / np.sqrt(2 * np.log(2)), 1.0, config.most_noise / config.noise))
 
 
 def _model(points: Array, x: Array) -> tuple[Array, Array]:
@@ -216,12 +225,14 @@ def _model(points: Array, x: Array) -> tuple[Array, Array]:
 class FollowConfig:
     """How the centre moves and what is believed of a measurement."""
 
-    jolt: float = 0.02
+    jolt: float = 0.01
     """Change of the centre's speed (px per picture, each picture)."""
     gate: float = 16.0
     """Square of the normalised innovation above which a measurement is left out."""
     floor: float = 2.0
     """What every measurement errs by (px), whatever its covariance says."""
+    common: float = 3.0
+    """What all measurements of a stretch err by alike (px), which following does not take away."""
     lost_after: int = 15
     """Measurements left out in a row after which the follower begins anew."""
     wide: float = 60.0
@@ -249,7 +260,7 @@ class Follower:
     @property
     def covariance(self) -> Array:
         """(2, 2) of ``centre``."""
-        return self._covariance[:2, :2].copy()
+        return np.asarray(self._covariance[:2, :2] + self._config.common**2 * np.eye(2), np.float64)
 
     def update(self, foe: Foe | None, moving: bool, pictures: int = 1) -> tuple[tuple[float, float], Array]:
         """Go on by ``pictures``; what ``foe`` says is taken in while the crawler is ``moving``. (centre, covariance)."""

@@ -213,6 +213,7 @@ class Watch:
         self._standing: Standing | None = None
         self._taken = 0.0
         self._dirt: Check | None = None
+        self._fast: Check | None = None
 
     def add(
         self,
@@ -236,11 +237,11 @@ class Watch:
             return (lost,)
         checks = [too_dark(gray), too_bright(gray)]
         if flow is not None:
-            if foe is not None:
-                checks += [self._clean(gray, foe, centre)]
-            checks += [too_fast(flow, gray.shape)]
-        elif self._dirt is not None:
-            checks += [self._dirt]
+            self._fast = too_fast(flow, gray.shape)
+        if foe is not None:
+            self._clean(gray, foe, centre)
+        # what flow told holds until it tells again
+        checks += [check for check in (self._fast, self._dirt) if check is not None]
         checks += [off_axis(centre, gray.shape, axis)]
         told = [check for check in checks if self._held(check, time_s)]
         return (*self._compared(time_s, flow, foe, chainage, quantum, gray.shape), *told)
@@ -288,11 +289,11 @@ class Watch:
             self._ratios.append(abs(moved / travel))
         return failed
 
-    def _clean(self, gray: Gray, foe: Foe, centre: tuple[float, float]) -> Check:
+    def _clean(self, gray: Gray, foe: Foe, centre: tuple[float, float]) -> None:
         self._taken += abs(expansion(foe, gray.shape))
         if self._standing is None or self._taken > self._config.stride:
             self._standing, self._taken = standing(gray, centre, self._standing), 0.0
-            self._dirt = dirty_lens(self._standing)
+            if self._standing.pictures >= PICTURES_FOR_DIRT:
+                self._dirt = dirty_lens(self._standing)
             if self._standing.pictures >= self._config.memory:
                 self._standing = None
-        return self._dirt or Check("dirty_lens", False)

@@ -42,16 +42,34 @@ def test_a_picture_without_texture_or_without_a_likeness_gives_little() -> None:
     assert len(strangers.points) < 0.5 * strangers.tried
 
 
+def shifted(image: np.ndarray, u: float, v: float = 0.0) -> np.ndarray:
+    return moved(image, [[1, 0, u], [0, 1, v]])
+
+
 def test_the_tracker_waits_for_motion_and_speaks_in_pixels_of_the_whole_picture() -> None:
     image = picture(shape=(576, 720))
-    tracker = Tracker(FlowConfig(patience=4))
+    tracker = Tracker(FlowConfig(least=4.0, patience=5))
     assert tracker.step(image) is None
-    assert tracker.step(moved(image, [[1, 0, 0.3], [0, 1, 0]])) is None  # too little to tell a direction
-    found = tracker.step(moved(image, [[1, 0, 4.0], [0, 1, -2.0]]))
+    spans = []
+    for k in range(1, 13):  # 2 px a picture: every second one is compared
+        found = tracker.step(shifted(image, 2.2 * k, -k))
+        if found is not None:
+            spans.append(found.span)
+            assert np.median(found.motion, axis=0) == pytest.approx([2.2 * found.span, -found.span], abs=0.1)
+            assert found.points[:, 0].max() > 600
+    assert spans == [2] * 6
+
+
+def test_the_tracker_is_back_within_its_patience_when_a_standing_camera_moves() -> None:
+    image = picture(shape=(576, 720))
+    tracker = Tracker(FlowConfig(least=4.0, patience=3))
+    assert tracker.step(image) is None
+    assert tracker.step(shifted(image, 0.2)) is None
+    assert tracker.step(shifted(image, 6.0)) is None
+    found = tracker.step(shifted(image, 12.0))
     assert found is not None
-    assert found.span == 2
-    assert np.median(found.motion, axis=0) == pytest.approx([4.0, -2.0], abs=0.1)
-    assert found.points[:, 0].max() > 600
+    assert found.span == 3
+    assert np.median(found.motion, axis=0) == pytest.approx([12.0, 0.0], abs=0.1)
 
 
 def test_the_tracker_does_not_wait_for_ever_and_takes_another_size() -> None:

@@ -87,6 +87,19 @@ def test_static_text_and_strays_do_not_count() -> None:
     assert 0.5 < found.inlier_share < 0.85
 
 
+def test_a_smooth_wall_in_a_noisy_picture_is_believed_less() -> None:
+    quiet, loud = (
+        [estimate(field((340, 300), 8e-5, noise=noise, seed=seed), np.random.default_rng(seed)) for seed in range(20)]
+        for noise in (0.1, 0.8)
+    )
+    for found, noise in ((quiet, 0.1), (loud, 0.8)):
+        assert all(foe is not None and foe.inlier_share > 0.9 for foe in found), noise
+    errors = [foe.centre - [340, 300] for foe in loud if foe is not None]
+    sizes = [e @ np.linalg.solve(foe.covariance, e) for e, foe in zip(errors, loud, strict=True) if foe is not None]
+    assert 0.3 < np.mean(sizes) < 3
+    assert np.trace(loud[0].covariance) > 10 * np.trace(quiet[0].covariance)  # type: ignore[union-attr]
+
+
 def test_the_covariance_says_how_far_it_is_off() -> None:
     errors = []
     for seed in range(40):
@@ -94,7 +107,7 @@ def test_the_covariance_says_how_far_it_is_off() -> None:
         assert found is not None
         error = found.centre - [340, 300]
         errors.append(error @ np.linalg.solve(found.covariance, error))
-    assert np.mean(errors) < 2.5  # 2 by definition, less since neighbours are taken to err alike
+    assert np.mean(errors) < 2.5  # 2 by definition, less since robust weights take the tails for less than they tell
 
 
 def test_standing_turning_and_darkness_give_no_centre() -> None:
