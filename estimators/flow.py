@@ -14,17 +14,18 @@ Gray = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class FlowConfig:
-    """``spacing`` of the grid (px of the picture that is tracked), ``window`` and ``levels`` of the pyramid, ``agreement`` (px)
-    between a point and where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px
-    of the whole picture) the median motion that a step waits for, up to ``patience`` pictures."""
+    """The grid has about ``points``; ``window`` (px) and ``levels`` of the pyramid, ``agreement`` (px) between a point and
+    where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px) the median motion that a
+    step waits for, up to ``patience`` pictures. Pixels are those of the picture that is tracked: one about ``width`` wide."""
 
-    spacing: int = 22
+    points: int = 200
     window: int = 13
     levels: int = 2
     agreement: float = 0.5
     texture: float = 2e-4
-    least: float = 4.0
+    least: float = 2.0
     patience: int = 5
+    width: int = 360
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ NO_FLOW = Flow(np.empty((0, 2)), np.empty((0, 2)), 0)
 def flow(previous: Gray, current: Gray, config: FlowConfig | None = None) -> Flow:
     """Motion of a grid of points from ``previous`` to ``current`` (H, W) uint8, those that come back to where they began."""
     config = config or FlowConfig()
-    start = _grid(previous.shape, config.spacing)
+    start = _grid(previous.shape, config.points)
     window = (config.window, config.window)
     found, ok, _ = cv2.calcOpticalFlowPyrLK(
         previous, current, start, np.empty_like(start), winSize=window, maxLevel=config.levels, minEigThreshold=config.texture
@@ -66,15 +67,15 @@ def flow(previous: Gray, current: Gray, config: FlowConfig | None = None) -> Flo
     return Flow(0.5 * (first + second), second - first, len(start))
 
 
-def _grid(shape: tuple[int, ...], spacing: int) -> NDArray[np.float32]:
-    rows = np.arange(spacing, shape[0] - spacing / 2, spacing)
-    columns = np.arange(spacing, shape[1] - spacing / 2, spacing)
+def _grid(shape: tuple[int, ...], points: int) -> NDArray[np.float32]:
+    spacing = max(float(np.sqrt(shape[0] * shape[1] / points)), 4.0)
+    columns, rows = (np.arange(0.75 * spacing, size - spacing / 2, spacing) for size in (shape[1], shape[0]))
     return np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 1, 2).astype(np.float32)
 
 
 class Tracker:
-    """Flow at half the size between pictures that are as far apart as the motion needs to tell a direction: what a flow errs by
-    does not grow with its length."""
+    """Flow between pictures that are as far apart as the motion needs to tell a direction: what a flow errs by does not grow
+    with its length. Large pictures are tracked at a part of their size."""
 
     def __init__(self, config: FlowConfig | None = None) -> None:
         self._config = config or FlowConfig()
@@ -87,17 +88,19 @@ class Tracker:
         """The flow to ``gray`` (H, W) uint8, in px of ``gray``; None while there is nothing to compare with, or the motion is
         likely too small yet."""
         self._since += 1
-        same = self._reference is not None and self._reference.shape == (gray.shape[0] // 2, gray.shape[1] // 2)
+        part = max(1, round(gray.shape[1] / self._config.width))
+        size = gray.shape[1] // part, gray.shape[0] // part
+        same = self._reference is not None and self._reference.shape == size[::-1]
         if same and self._since < self._config.patience and self._pace * self._since < self._config.least:
             return None
-        small = np.asarray(cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=cv2.INTER_AREA), np.uint8)
+        small = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8) if part > 1 else gray.copy()
         if self._reference is None or not same:
             self._reference, self._since, self._pace = small, 0, np.inf
             return None
         found = flow(self._reference, small, self._config)
-        found = Flow(2 * found.points + 0.5, 2 * found.motion, found.tried, self._since)
         self._pace = found.length / self._since
         if found.length < self._config.least and self._since < self._config.patience and len(found.points):
             return None
+        found = Flow(part * found.points + (part - 1) / 2, part * found.motion, found.tried, self._since)
         self._since, self._reference = 0, small
         return found

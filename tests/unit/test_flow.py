@@ -48,7 +48,7 @@ def shifted(image: np.ndarray, u: float, v: float = 0.0) -> np.ndarray:
 
 def test_the_tracker_waits_for_motion_and_speaks_in_pixels_of_the_whole_picture() -> None:
     image = picture(shape=(576, 720))
-    tracker = Tracker(FlowConfig(least=4.0, patience=5))
+    tracker = Tracker(FlowConfig(least=2.0, patience=5))
     assert tracker.step(image) is None
     spans = []
     for k in range(1, 13):  # 2 px a picture: every second one is compared
@@ -62,7 +62,7 @@ def test_the_tracker_waits_for_motion_and_speaks_in_pixels_of_the_whole_picture(
 
 def test_the_tracker_is_back_within_its_patience_when_a_standing_camera_moves() -> None:
     image = picture(shape=(576, 720))
-    tracker = Tracker(FlowConfig(least=4.0, patience=3))
+    tracker = Tracker(FlowConfig(least=2.0, patience=3))
     assert tracker.step(image) is None
     assert tracker.step(shifted(image, 0.2)) is None
     assert tracker.step(shifted(image, 6.0)) is None
@@ -70,6 +70,17 @@ def test_the_tracker_is_back_within_its_patience_when_a_standing_camera_moves() 
     assert found is not None
     assert found.span == 3
     assert np.median(found.motion, axis=0) == pytest.approx([12.0, 0.0], abs=0.1)
+
+
+@pytest.mark.parametrize("shape", [(192, 240), (720, 1280)])
+def test_small_and_large_pictures_are_tracked_in_their_own_pixels(shape: tuple[int, int]) -> None:
+    image, tracker = picture(shape=shape), Tracker()
+    assert tracker.step(image) is None
+    found = tracker.step(shifted(image, 9.0, 4.0))
+    assert found is not None
+    assert np.median(found.motion, axis=0) == pytest.approx([9.0, 4.0], abs=0.15)
+    assert 120 < found.tried < 260
+    assert np.median(found.points, axis=0) == pytest.approx([shape[1] / 2, shape[0] / 2], rel=0.1)
 
 
 def test_the_tracker_does_not_wait_for_ever_and_takes_another_size() -> None:
