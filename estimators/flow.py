@@ -15,8 +15,8 @@ Gray = NDArray[np.uint8]
 @dataclass(frozen=True)
 class FlowConfig:
     """The grid has about ``points``; ``window`` (px) and ``levels`` of the pyramid, ``agreement`` (px) between a point and
-    where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px) the median motion that a
-    step waits for, up to ``patience`` pictures. Pixels are those of the picture that is tracked: one about ``width`` wide."""
+    where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px) the median motion
+    that a step waits for, up to ``patience`` pictures. Pixels are those of the picture that is tracked, ``width`` wide."""
 
     points: int = 200
     window: int = 13
