@@ -69,12 +69,12 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
     everything = cloud.points - anchor
     depth_in_pipe = everything @ cylinder.axis
     rho = np.linalg.norm(everything - depth_in_pipe[:, None] * cylinder.axis, axis=1)
+    facing = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
     free = rho < cylinder.radius - np.minimum(3 * sigma, 0.15 * cylinder.radius)
     low, high = np.percentile(along, [2, 98])
     within = (depth_in_pipe > low) & (depth_in_pipe < high)
-    facing = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
     like_wall = within & facing & (rho > 0.6 * cylinder.radius) & (rho < 1.7 * cylinder.radius)
-    shift, shift_std = mean_radius(cloud, cylinder, sigma)
+    shift, shift_std = mean_radius(cloud.points[facing], sigma[facing], cylinder)
     _, sector_count = np.unique(sector, return_counts=True)
     return CylinderFit(
         axis=cylinder.axis,
@@ -89,7 +89,7 @@ def assess(cloud: OrientedPoints, cylinder: Cylinder) -> CylinderFit | None:
         length=float(high - low),
         area=wall_area(cloud.points, cloud.normals, sigma, cylinder),
         inside=float(np.mean(free & within)),
-        taper=_taper(cloud, cylinder, anchor, sigma),
+        taper=_taper(cloud.points[facing], sigma[facing], cylinder, anchor),
         out_of_round=_out_of_round((everything @ basis)[like_wall], rho[like_wall]) / cylinder.radius,
         mean_shift=shift,
         mean_std=shift_std,
@@ -102,21 +102,21 @@ def _out_of_round(across: NDArray[np.float64], rho: NDArray[np.float64]) -> floa
     Directions of 10 degrees speak by their medians, so that noise counts little, each with the weight of its points.
     """
     sector = np.floor(np.arctan2(across[:, 1], across[:, 0]) * (_SECTORS / (2 * np.pi))).astype(np.int64)
-    directions, count = np.unique(sector, return_counts=True)
-    if len(directions) < 3:
+    order = np.lexsort((rho, sector))
+    _, first, count = np.unique(sector[order], return_index=True, return_counts=True)
+    if len(count) < 3:
         return 0.0
-    medians = np.array([float(np.median(rho[sector == k])) for k in directions])
+    medians = 0.5 * (rho[order[first + (count - 1) // 2]] + rho[order[first + count // 2]])
     return float(np.sqrt(np.average((medians - np.average(medians, weights=count)) ** 2, weights=count)))
 
 
-def _taper(cloud: OrientedPoints, cylinder: Cylinder, anchor: NDArray[np.float64], sigma: Array) -> float:
-    """Change of radius along the axis (m per m), by one robust step with a sixth parameter and with room for a wall that is
-    not parallel."""
-    near = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
-    points = cloud.points[near].astype(np.float64)
-    residual, jacobian, _, middle = linearise(points, cylinder.axis, anchor, cylinder.radius)
-    jacobian = np.concatenate([jacobian, -((points - middle) @ cylinder.axis)[:, None]], axis=1)
-    spread = np.maximum(3.0 * sigma[near], 0.05 * cylinder.radius)
+def _taper(points: Array, sigma: Array, cylinder: Cylinder, anchor: NDArray[np.float64]) -> float:
+    """Change of radius along the axis (m per m) of the ``points`` (N, 3) that face it, by one robust step with a sixth
+    parameter and with room for a wall that is not parallel."""
+    points64 = points.astype(np.float64)
+    residual, jacobian, _, middle = linearise(points64, cylinder.axis, anchor, cylinder.radius)
+    jacobian = np.concatenate([jacobian, -((points64 - middle) @ cylinder.axis)[:, None]], axis=1)
+    spread = np.maximum(3.0 * sigma, 0.05 * cylinder.radius)
     correction = np.zeros(6)
     for _ in range(3):
         left = residual + jacobian @ correction

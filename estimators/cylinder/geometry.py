@@ -45,20 +45,23 @@ def noise_std(points: Array, normals: Array) -> Array:
 
 def radial_agreement(points: Array, normals: Array, cylinder: Cylinder) -> Array:
     """Cosine (N,) between each normal and the direction to the axis: 1 on the wall of a pipe seen from inside."""
-    offset = points - cylinder.point
-    radial = offset - (offset @ cylinder.axis)[:, None] * cylinder.axis
-    rho = np.maximum(np.linalg.norm(radial, axis=1), 1e-9)
-    return np.asarray(-np.einsum("ij,ij->i", normals, radial) / rho, dtype=np.float32)
+    rho, inward = _radially(points, normals, cylinder)
+    return np.asarray(inward / np.maximum(rho, 1e-9), dtype=np.float32)
 
 
 def inliers(points: Array, normals: Array, sigma: Array, cylinder: Cylinder) -> NDArray[np.bool_]:
     """Points (N,) on the wall: within 3 sigma of the surface and with a normal to the axis."""
-    offset = points - cylinder.point
-    radial = offset - (offset @ cylinder.axis)[:, None] * cylinder.axis
-    rho = np.linalg.norm(radial, axis=1)
+    rho, inward = _radially(points, normals, cylinder)
     width = np.minimum(3.0 * sigma, 0.15 * cylinder.radius)
-    agree = -np.einsum("ij,ij->i", normals, radial) > NORMAL_AGREEMENT * rho
-    return np.asarray((np.abs(rho - cylinder.radius) < width) & agree)
+    return np.asarray((np.abs(rho - cylinder.radius) < width) & (inward > NORMAL_AGREEMENT * rho))
+
+
+def _radially(points: Array, normals: Array, cylinder: Cylinder) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance from the axis (N,), and that times the cosine between each normal and the direction to the axis (N,)."""
+    offset = points - cylinder.point
+    along = offset @ cylinder.axis
+    rho = np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - along * along, 0.0))
+    return rho, along * (normals @ cylinder.axis) - np.einsum("ij,ij->i", normals, offset)
 
 
 def wall_points(cloud: OrientedPoints, cylinder: Cylinder) -> NDArray[np.bool_]:

@@ -26,13 +26,14 @@ def refine(
     points, sigma = points[candidate], sigma[candidate]
     if len(points) < FEWEST_POINTS:
         return start
+    precision = sigma**-2
     for _ in range(iterations):
         residual, jacobian, basis, point = linearise(points, axis, point, radius)
-        weight = tukey(residual / sigma) / sigma**2
+        weight = tukey(residual / sigma) * precision
         if np.count_nonzero(weight) < FEWEST_POINTS:
             break
         weighted = jacobian * weight[:, None]
-        normal_matrix = weighted.T @ jacobian + np.diag([1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
+        normal_matrix = weighted.T @ jacobian + 1e-3 * np.eye(5)
         step = -np.linalg.solve(normal_matrix, weighted.T @ residual)
         step[:2] = np.clip(step[:2], -0.2, 0.2)
         axis = axis + basis @ step[:2]
@@ -53,16 +54,13 @@ def linearise(
     The anchor is ``point`` moved along the axis to the middle of the points, where tilt and shift are least correlated.
     """
     basis = orthonormal_basis(axis)
-    offset = points - point
-    along = offset @ axis
+    along, right, down = np.ascontiguousarray(((points - point) @ np.column_stack([axis, basis])).T)
     middle = float(along.mean())
-    anchor = point + middle * axis
-    along = along - middle
-    radial = offset @ basis
-    rho = np.maximum(np.hypot(radial[:, 0], radial[:, 1]), 1e-9)
-    unit = radial / rho[:, None]
-    jacobian = np.concatenate([-unit * along[:, None], -unit, -np.ones((len(points), 1))], axis=1)
-    return rho - radius, jacobian, basis, anchor
+    rho = np.maximum(np.sqrt(right * right + down * down), 1e-9)
+    rows = np.empty((5, len(points)))  # one row a parameter: each is written and read in one go
+    rows[2], rows[3], rows[4] = -right / rho, -down / rho, -1.0
+    np.multiply(rows[2:4], along - middle, out=rows[:2])
+    return rho - radius, rows.T, basis, point + middle * axis
 
 
 def tukey(scaled: NDArray[np.float64], limit: float = 4.0) -> NDArray[np.float64]:

@@ -11,9 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.cylinder.geometry import NORMAL_AGREEMENT, Array, Cylinder, radial_agreement
+from estimators.cylinder.geometry import Array, Cylinder
 from estimators.cylinder.refinement import FEWEST_POINTS, linearise
-from estimators.pointcloud import OrientedPoints
 
 HARMONIC_STD = {2: 0.010, 3: 0.003, 4: 0.002}
 """Prior standard deviation of each harmonic over the radius: ovality is what pipes have, the rest is small."""
@@ -24,25 +23,24 @@ _LEAST_ERROR = 0.05
 _ROUNDS = 4
 
 
-def mean_radius(cloud: OrientedPoints, cylinder: Cylinder, sigma: Array) -> tuple[float, float]:
+def mean_radius(points: Array, sigma: Array, cylinder: Cylinder) -> tuple[float, float]:
     """(shift, standard deviation) in metres: what to add to the circle's radius for the mean radius of the wall, and its error.
 
-    ``sigma`` (N,) is ``noise_std`` of the cloud. Patches of 15 degrees by half a radius are the witnesses, since neighbouring
-    errors of a depth camera are alike; what they err by is read off themselves. Where there are too few of them the prior
-    alone speaks: no shift.
+    ``points`` (N, 3) are those that face the axis, ``sigma`` (N,) their ``noise_std``. Patches of 15 degrees by half a radius
+    are the witnesses, since neighbouring errors of a depth camera are alike; what they err by is read off themselves. Where
+    there are too few of them the prior alone speaks: no shift.
     """
-    offset = cloud.points - cylinder.point
-    radial = offset - (offset @ cylinder.axis)[:, None] * cylinder.axis
-    distance = np.linalg.norm(radial, axis=1) - cylinder.radius
-    chosen = radial_agreement(cloud.points, cloud.normals, cylinder) > NORMAL_AGREEMENT
-    chosen &= np.abs(distance) < np.maximum(3 * sigma, _REACH * cylinder.radius)
+    offset = points - cylinder.point
+    along = offset @ cylinder.axis
+    distance = np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - along * along, 0.0)) - cylinder.radius
+    chosen = np.abs(distance) < np.maximum(3 * sigma, _REACH * cylinder.radius)
     unknown = 0.0, HARMONIC_STD[2] * cylinder.radius
     if np.count_nonzero(chosen) < FEWEST_POINTS:
         return unknown
-    points = cloud.points[chosen].astype(np.float64)
-    residual, jacobian, basis, anchor = linearise(points, cylinder.axis, cylinder.point, cylinder.radius)
-    across = (points - anchor) @ basis
-    along = (points - anchor) @ cylinder.axis
+    wall = points[chosen].astype(np.float64)
+    residual, jacobian, basis, anchor = linearise(wall, cylinder.axis, cylinder.point, cylinder.radius)
+    across = (wall - anchor) @ basis
+    along = (wall - anchor) @ cylinder.axis
     angle = np.arctan2(across[:, 1], across[:, 0])
     waves = [-cylinder.radius * wave(k * angle) for k in HARMONIC_STD for wave in (np.cos, np.sin)]
     patch = np.floor(angle * (12 / np.pi)).astype(np.int64) + 1000 * np.floor(along * (2 / cylinder.radius)).astype(np.int64)

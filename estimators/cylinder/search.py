@@ -65,19 +65,16 @@ def search(cloud: OrientedPoints, rng: np.random.Generator, known: Cylinder | No
 def hypotheses(points: Array, normals: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Cylinders from random pairs: axes (H, 3), the axis point nearest to the camera (H, 3), radii (H,)."""
     i, j = rng.integers(0, len(points), (2, _PAIRS))
+    across = np.cross(normals[i], normals[j])
+    sine = np.linalg.norm(across, axis=1)
+    good = np.flatnonzero((sine > 0.2) & (np.abs(across[:, 2]) > MIN_ORIENTATION * sine))
+    i, j, across, sine = i[good], j[good], across[good], sine[good]
     p, n, p2, n2 = points[i], normals[i], points[j], normals[j]
-    axis = np.cross(n, n2)
-    sine = np.linalg.norm(axis, axis=1)
-    good = sine > 0.2
-    p, n, p2, n2, axis, sine = (array[good] for array in (p, n, p2, n2, axis, sine))
-    axis /= sine[:, None]
-    axis *= np.sign(axis[:, 2:] + 1e-12)
-    good = axis[:, 2] > MIN_ORIENTATION
-    p, n, p2, n2, axis, sine = (array[good] for array in (p, n, p2, n2, axis, sine))
+    axis = across * (np.sign(across[:, 2]) / sine)[:, None]
     # The normals' closest approach, seen along the axis: p + s n = p2 + t n2 (+ anything along the axis).
     gap = p2 - p
-    s = np.einsum("ij,ij->i", np.cross(gap, n2), np.cross(n, n2)) / sine**2
-    t = np.einsum("ij,ij->i", np.cross(gap, n), np.cross(n, n2)) / sine**2
+    s = np.einsum("ij,ij->i", np.cross(gap, n2), across) / sine**2
+    t = np.einsum("ij,ij->i", np.cross(gap, n), across) / sine**2
     radius = 0.5 * (s + t)
     good = (s > 0) & (t > 0) & (np.abs(s - t) < 0.3 * radius) & (radius > MIN_RADIUS_M) & (radius < MAX_RADIUS_M)
     p, n, p2, n2, axis, radius = (array[good][:_HYPOTHESES] for array in (p, n, p2, n2, axis, radius))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from estimators.cylinder import Cylinder, CylinderFit, assess, search
 from estimators.cylinder.roundness import HARMONIC_STD, mean_radius
-from estimators.pointcloud import OrientedPoints, oriented_points
+from estimators.pointcloud import oriented_points
 from tests.unit.analytic_scenes import D435, UNIT_M, cylinder, ellipse, to_depth
 
 
@@ -51,9 +51,7 @@ def test_the_less_is_seen_the_less_is_known() -> None:
 
 def test_hardly_any_wall_leaves_the_prior() -> None:
     points = np.array([[0.25, 0.0, 1.0 + 0.01 * k] for k in range(20)], np.float32)
-    normals = np.tile(np.array([-1.0, 0.0, 0.0], np.float32), (20, 1))
-    cloud = OrientedPoints(points, normals, np.zeros(20, np.float32), np.zeros((20, 2), np.int32), (1, 20), 1.0)
     axis = Cylinder(np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.25)
-    shift, std = mean_radius(cloud, axis, np.full(20, 0.002, np.float32))
+    shift, std = mean_radius(points, np.full(20, 0.002, np.float32), axis)
     assert shift == 0.0
     assert std == pytest.approx(HARMONIC_STD[2] * 0.25)
