@@ -51,6 +51,23 @@ class CrawlerSettings(BaseModel):
     """Principal point; the middle of the picture where it is not given."""
 
 
+class MachineSettings(BaseModel):
+    """The computer underneath, as health asks it: a folder of fakes can stand in for it. The table ``[machine]``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    root: Path = Path("/")
+    """Holds the ``proc``, ``sys`` and ``run`` to look into."""
+    vcgencmd: str = "vcgencmd"
+    """The helper programs, by name or path."""
+    iw: str = "iw"
+    nmcli: str = "nmcli"
+    wifi: str = "wlan0"
+    """The interface of the hotspot."""
+    hotspot: str = ""
+    """NetworkManager's name of the hotspot, to be watched and restored; empty where this box has none."""
+
+
 class Settings(BaseModel):
     """Everything that can be set. All have defaults; names the program does not know are refused."""
 
@@ -60,6 +77,10 @@ class Settings(BaseModel):
     host: str = Field("127.0.0.1", min_length=1)
     port: int = Field(8080, ge=0, le=65535)
     """0 for any that is free."""
+    pin: str | None = Field(None, pattern=r"^[0-9]{6}$")
+    """To pair with; otherwise the one on the label, which the first start draws and keeps in the data folder."""
+    allowed_hosts: tuple[str, ...] = ()
+    """Names by which browsers may call the box, besides its own host name and addresses."""
     cameras: tuple[CameraKind, ...] = Field(("realsense",), min_length=1, max_length=2)
     replay: Path | None = None
     """Folder with a manifest, or a .db3 or .bag file, for the camera "replay"."""
@@ -80,6 +101,7 @@ class Settings(BaseModel):
     virtual_seed: int = Field(1, ge=0)
     """Which pipe the virtual sewer draws."""
     crawler: CrawlerSettings = Field(default_factory=lambda: CrawlerSettings.model_validate({}))
+    machine: MachineSettings = Field(default_factory=lambda: MachineSettings.model_validate({}))
     virtual_description: Path | None = None
     """JSON file that describes the virtual sewer instead, with its faults."""
 

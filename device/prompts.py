@@ -89,6 +89,32 @@ PROMPTS = {
             "The distance in the picture cannot be read.",
             "Move the text to a dark place, or use an encoder.",
         ),
+        Prompt(
+            "under_voltage",
+            "The box gets too little voltage.",
+            "Charge or change the power bank, and use a short, thick cable.",
+        ),
+        Prompt(
+            "was_under_voltage",
+            "The box had too little voltage since it was switched on.",
+            "Use a short, thick cable, and watch the power bank.",
+        ),
+        Prompt("too_hot", "The box is too hot and slows down.", "Take it out of the sun, or switch it off for ten minutes."),
+        Prompt("hot", "The box is getting hot.", "Take it out of the sun and let air to it."),
+        Prompt("slowed", "The computer of the box has slowed itself down.", "Let it cool, and look after its power supply."),
+        Prompt("disk_low", "The disk is nearly full.", "Take the recordings to a laptop and delete the oldest."),
+        Prompt("memory_low", "The memory of the box is nearly used up.", "Restart the box when the survey is over."),
+        Prompt(
+            "usb_slow",
+            "A depth camera is connected at USB 2 speed.",
+            "Plug it into a blue socket, with its own cable, and all the way in.",
+        ),
+        Prompt("clock_unset", "The box does not know the date.", "Open this page on a phone: the box takes its time."),
+        Prompt(
+            "hotspot_silent",
+            "The hotspot of the box is silent and is being restarted.",
+            "Wait a minute; the box goes on measuring meanwhile.",
+        ),
         Prompt("storage_full", "The disk is full: the map is no longer saved.", "End the drive, then free some space."),
     )
 }
