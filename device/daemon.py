@@ -21,6 +21,7 @@ from device.clock import Clock
 from device.config import Settings
 from device.crawler import Crawler
 from device.crawlers import make_crawler
+from device.durable import make_folder
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
 from device.feed import CameraFeed
 from device.pictures import PICTURE_KINDS, PictureCache
@@ -373,7 +374,7 @@ def _camera_json(feed: CameraFeed) -> dict[str, Any]:
 def _lock(folder: Path) -> IO[str]:
     """Hold the data folder for this process. Raises StoreUnusable."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         file = (folder / "borescout.lock").open("a+", encoding="ascii")
     except OSError as error:
         raise StoreUnusable(f"The data folder {folder} cannot be used: {error.strerror}.") from None

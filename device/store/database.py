@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 
+from device.durable import make_folder
 from device.errors import StorageFull, StoreUnusable
 
 log = logging.getLogger(__name__)
@@ -42,7 +43,7 @@ class Database:
         self.notice: str | None = None
         self._lock = threading.RLock()
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
         except OSError as error:
             raise StoreUnusable(f"The data folder {folder} cannot be made: {error.strerror}.") from None
         try:
