@@ -21,6 +21,8 @@ Array = NDArray[np.float32]
 UNIT_M = 0.001
 BASELINE_M = 0.05
 _BANK = 12
+_BANK_STEP = 1 / 32
+"""Standard deviations that one count of a field in the bank stands for."""
 _GHOST_M = 0.2
 """Where dirt on the window seems to hang."""
 _NOTHING_M = 50.0
@@ -122,8 +124,9 @@ class StereoCamera:
         """A depth picture (H, W) uint16 in UNIT_M of what the rays met; ``hits`` may be on a coarser grid."""
         width, height = self.intrinsics.size
         noise, rng = self.noise, self.rng
-        true_depth = _enlarge(np.where(hits.depth > 0, hits.depth, np.float32(_NOTHING_M)), (width, height))
-        cosine = np.maximum(_enlarge(hits.cosine, (width, height)), np.float32(0.02))
+        far = np.where(hits.depth > 0, hits.depth, np.float32(_NOTHING_M))
+        cosine = np.maximum(hits.cosine, np.float32(0.02))
+        true_depth = _enlarge(far, (width, height))
         water = (
             cv2.resize((hits.material == world.WATER).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
         )
@@ -134,13 +137,14 @@ class StereoCamera:
         scale = np.float32(width / 848)
         coarse = (self._fixed + _field((width, height), 15, rng)) * np.float32(0.71 * noise.coarse)
         fine = _field((width, height), 3, rng) * np.float32(noise.fine)
-        grazing = np.float32(0.5 * noise.grazing) * (1 / cosine - 1)
+        grazing = np.minimum(np.float32(0.5 * noise.grazing) * (1 / cosine - 1), np.float32(4 * noise.grazing))
         slant = self._slant(disparity)
-        coarse *= 1 + np.minimum(grazing, np.float32(4 * noise.grazing))
+        coarse *= 1 + _enlarge(grazing, (width, height))
         stray = coarse + fine * (np.float32(0.8) + np.float32(noise.matching.slant_noise) * slant)
         measured = disparity + stray * scale
         measured = np.round(measured * np.float32(noise.steps)) / np.float32(noise.steps)
-        seen = self._seen(true_depth, cosine, water, self._favour(hits.material) - np.float32(noise.matching.slant) * slant)
+        light = _enlarge(self._light(far, cosine), (width, height))
+        seen = self._seen(light, water, self._favour(hits.material) - np.float32(noise.matching.slant) * slant)
         seen &= (disparity < noise.matching.search_px) & (self._columns > disparity)
         seen &= true_depth < np.float32(0.8 * _NOTHING_M)
         depth = np.where(seen & (measured > 0.05), pixels / np.maximum(measured, np.float32(0.05)), np.float32(0))
@@ -152,14 +156,16 @@ class StereoCamera:
         depth[:, : round(0.01 * width)] = 0
         return _millimetres(depth)
 
-    def _seen(self, depth: Array, cosine: Array, water: NDArray[np.bool_], favour: Array) -> NDArray[np.bool_]:
-        """Where a match is found: light falls off with range and angle, texture decides, and water mirrors most of it away."""
-        noise, matching = self.noise, self.noise.matching
+    def _light(self, depth: Array, cosine: Array) -> Array:
+        """How well the wall is lit, 1 where nothing is lost: light falls off with range and angle."""
+        matching = self.noise.matching
+        falling = cosine ** np.float32(matching.angle) / (1 + np.float32(matching.fading) * depth**2)
+        return np.asarray(np.float32(self.noise.light) * np.minimum(np.float32(1.3) * falling, 1), np.float32)
+
+    def _seen(self, light: Array, water: NDArray[np.bool_], favour: Array) -> NDArray[np.bool_]:
+        """Where a match is found: light and texture decide, and water mirrors most of it away."""
         texture = np.float32(0.6) * self._texture + np.float32(0.6) * _field(self.intrinsics.size, 4, self.rng)
-        light = np.float32(noise.light) * np.minimum(
-            np.float32(1.3) * cosine ** np.float32(matching.angle) / (1 + np.float32(matching.fading) * depth**2), 1
-        )
-        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (noise.lattice - 0.12)) + self._patches + favour
+        margin = light * np.float32(2.0) - np.float32(0.85 + 2 * (self.noise.lattice - 0.12)) + self._patches + favour
         margin = np.where(water, margin - np.float32(1.6), margin)
         return np.asarray(texture < margin * np.float32(1.2))
 
@@ -256,15 +262,15 @@ def _smears(size: tuple[int, int], window: Window) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=24)
-def _bank(size: tuple[int, int], grain: int) -> NDArray[np.float32]:
-    """A few fields (_BANK, H, W) of unit noise that is alike over ``grain`` pixels."""
+def _bank(size: tuple[int, int], grain: int) -> NDArray[np.int8]:
+    """A few fields (_BANK, H, W) of noise that is alike over ``grain`` pixels, in _BANK_STEP: small, for there are many."""
     width, height = size
     rng = np.random.default_rng(grain)
     fields = []
     for _ in range(_BANK):
         coarse = rng.normal(size=(height // max(grain // 2, 1) + 2, width // max(grain // 2, 1) + 2)).astype(np.float32)
         fine = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), 0.8), (width, height), interpolation=cv2.INTER_LINEAR)
-        fields.append((fine / fine.std()).astype(np.float32))
+        fields.append(np.clip(np.rint(fine / (fine.std() * _BANK_STEP)), -127, 127).astype(np.int8))
     return np.stack(fields)
 
 
@@ -275,4 +281,5 @@ def _field(size: tuple[int, int], grain: int, rng: np.random.Generator) -> NDArr
         chosen = chosen[::-1]
     if rng.random() < 0.5:
         chosen = chosen[:, ::-1]
-    return np.roll(chosen, (int(rng.integers(size[1])), int(rng.integers(size[0]))), axis=(0, 1))
+    shifted = np.roll(chosen, (int(rng.integers(size[1])), int(rng.integers(size[0]))), axis=(0, 1))
+    return np.asarray(shifted * np.float32(_BANK_STEP), np.float32)
