@@ -70,7 +70,7 @@ class Looking:
         self._map = RingMap(known, JointConfig(position_std=SPARSE_STD) if sparse else None)
         self._looked_at: float | None = None
         self._ellipses: tuple[tuple[tuple[float, float], tuple[float, float], float], ...] = ()
-        self._solved = 0
+        self._solved = self._finished = 0
         self._joints = JointMap((), known)
 
     def look(self, gray: Gray, number: int, time_s: float, position: Position | None) -> Look:
@@ -95,9 +95,11 @@ class Looking:
 
     def solve(self, last: bool = False) -> JointMap:
         """The joints and F = sqrt(fx fy) R so far; ``last``: from all rings, however few are new."""
-        if len(self._map) >= SOLVE_GROWTH * self._solved + (0 if last else 10):
-            self._solved = len(self._map)
-            self._joints = self._map.solve()
+        rings = len(self._map)
+        if rings != self._finished if last else rings >= SOLVE_GROWTH * self._solved + 10:
+            self._solved = rings
+            self._finished = rings if last else 0
+            self._joints = self._map.solve(last)
         return self._joints
 
     def joints(self, last: bool = False) -> list[dict[str, Any]]:

@@ -9,10 +9,11 @@ least squares.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from estimators.rings.find import Ring
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _RECENT, _FEW = 300, 5
 """Rings that tell the pixels' aspect, the last ones, and how many of them well seen it takes."""
+_STRETCHES, _SHAKES = 12, 24
+"""Of the bootstrap that tells how sure F is."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +132,8 @@ class RingMap:
         ]
         return float(np.median(told)) if len(told) >= _FEW else 1.0
 
-    def solve(self) -> JointMap:
-        """Joints and F from all rings so far."""
+    def solve(self, last: bool = False) -> JointMap:
+        """Joints and F from all rings so far. ``last``: no more will come, and time may be spent on how sure F is."""
         if len(self._seen) < self._config.fewest:
             return JointMap((), self._known)
         seen = _Seen.of(self._seen, self._visited, self._config)
@@ -142,6 +145,8 @@ class RingMap:
         joints = _joints(seen, self._seen, focal, places, owner, self._config)
         if self._known is not None:
             return JointMap(joints, self._known)
+        if last:
+            sigma = max(sigma, _shaken_sigma(seen, focal, places, len(joints), self._config, np.random.default_rng(0)))
         sigma = float(np.hypot(sigma, self._config.common_std * focal))
         return JointMap(joints, FocalRadius(focal, sigma) if joints else None)
 
@@ -312,6 +317,35 @@ def _refine(seen: _Seen, focal: float, places: Array, config: JointConfig, fixed
             )
             sigma = float(np.sqrt(scale * np.linalg.inv(normal)[columns, columns]))
     return focal, sigma, places, owner
+
+
+def _shaken_sigma(
+    seen: _Seen, focal: float, places: Array, joints: int, config: JointConfig, rng: np.random.Generator
+) -> float:
+    """Standard deviation of ``focal`` by a bootstrap over stretches of the way: rings of one joint err alike, and which rings
+    are taken for its sightings is part of what may be wrong. 0 where a run is too short for it.
+
+    A few ``joints`` tell their own spread badly: it is as much larger as Student's t asks for, so that two of it hold 95 %.
+    """
+    low = float(seen.position.min())
+    width = max(float(np.ptp(seen.position)) / _STRETCHES, 1e-9)
+
+    def stretch(positions: Array) -> Index:
+        return np.clip((positions - low) / width, 0, _STRETCHES - 1).astype(np.int64)
+
+    of_rings, of_visits = stretch(seen.position), stretch(seen.visited)
+    told = []
+    for _ in range(_SHAKES):
+        count = rng.multinomial(_STRETCHES, np.full(_STRETCHES, 1 / _STRETCHES))
+        drawn = seen.take(np.flatnonzero(count[of_rings]))
+        drawn = replace(drawn, weight=drawn.weight * count[stretch(drawn.position)], visited=seen.visited[count[of_visits] > 0])
+        value, sigma, _, _ = _refine(drawn, focal, places, config, fixed=False)
+        if sigma > 0:
+            told.append(value)
+    if len(told) < _SHAKES // 2 or joints < 2:
+        return 0.0
+    spread = float(np.sqrt(np.mean((np.array(told) - focal) ** 2)))
+    return spread * float(np.sqrt(joints / (joints - 1)) * stdtrit(joints - 1, 0.977) / 2)
 
 
 def _owners(seen: _Seen, focal: float, places: Array, config: JointConfig, loosened: float) -> Index:

@@ -59,7 +59,7 @@ def main() -> None:
         if told.distance is not None:
             found.add(frame.number, told.distance, rings[frame.number])
     seconds = time.perf_counter() - started
-    result = found.solve()
+    result = found.solve(last=True)
     _print(result, len(frames), seconds)
     _compare(frames, result)
     if arguments.overlays is not None:

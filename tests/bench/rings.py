@@ -113,7 +113,7 @@ def drive(seed: int, metres: float, centre_px: float | None, step: float = STEP_
     focal = float(np.sqrt(camera.fx * camera.fy)) * journey.sewer.radius
     near = SETTLED * focal / (camera.height / 2)
     passed = [joint for joint in journey.truth.joints if journey.truth.chainage(0.0) + 0.5 < joint < last + near]
-    result = found.solve()
+    result = found.solve(last=True)
     leans, centres = _axes(result, views, centre_px, journey.sewer.radius)
     errors, sigmas, false = [], [], 0
     owned: set[float] = set()

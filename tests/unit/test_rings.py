@@ -154,6 +154,23 @@ def test_joints_and_focal_radius_of_a_drive(focal: float, clutter: int) -> None:
     assert len(places) <= len(joints) + (1 if clutter else 0)
 
 
+def test_joints_that_disagree_leave_the_focal_radius_unsure() -> None:
+    told = []
+    for apart in (0.0, 0.05):
+        found = RingMap(config=JointConfig(position_std=0.02))
+        for frame, position in enumerate(np.arange(0, 16, 0.2)):
+            depths = {k: joint - position for k, joint in enumerate((4.0, 7.0, 10.0, 13.0, 16.0)) if 0.6 < joint - position < 5}
+            # in every second pipe the inner edge of the joint is what shows
+            found.add(frame, float(position), [ring(180 * (1 + apart * (k % 2)) / depth) for k, depth in depths.items()])
+        result = found.solve(last=True)
+        assert result.focal_radius is not None
+        assert result.focal_radius.value == pytest.approx(180 * (1 + 0.4 * apart), rel=0.02)
+        told.append(result.focal_radius.sigma / result.focal_radius.value)
+    assert told[0] == pytest.approx(JointConfig().common_std, rel=0.05)
+    # five joints that differ by 2.5 % either way tell their mean to 2.5 % / sqrt(5) at best
+    assert told[1] > np.hypot(JointConfig().common_std, 0.025 / np.sqrt(5))
+
+
 def test_what_does_not_grow_is_no_joint() -> None:
     found = RingMap(FocalRadius(180.0, 0.0, known=True))
     for frame, position in enumerate(np.arange(0, 12, 0.2)):
