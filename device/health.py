@@ -42,7 +42,8 @@ class UsbCamera:
 class SensorHealth:
     """One source end to end: ``age_s`` is that of its last good sample, None before the first."""
 
-    role: Literal["camera", "grabber", "encoder"]
+    role: str
+    """"camera", "grabber" or "encoder"."""
     name: str
     state: str
     age_s: float | None
@@ -112,7 +113,7 @@ def concerns(health: Health, before: frozenset[str] = frozenset(), limits: Limit
         "under_voltage": supply.under_voltage,
         "too_hot": too_hot,
         "disk_low": below("disk_low", health.disk_free_mb, limits.disk_low_mb),
-        "hotspot_silent": machine.hotspot == "silent",
+        "hotspot_silent": machine.hotspot in ("silent", "off"),
         "memory_low": below("memory_low", machine.memory_free_mb, limits.memory_low_mb),
         "usb_slow": any(camera.fast and camera.mbps < limits.usb_fast_mbps for camera in machine.usb),
         "hot": not too_hot and above("hot", machine.temperature_c, limits.hot_c),

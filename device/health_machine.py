@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 from device.config import MachineSettings
@@ -29,14 +30,12 @@ class MachineReader:
     def read(self) -> Machine:
         """Everything that can be had at this moment."""
         hotspot = self.hotspot()
-        return Machine(
-            temperature_c=self._temperature(),
-            power=self._power(),
-            memory_free_mb=self._memory(),
-            usb=self._usb(),
-            hotspot=hotspot,
-            wifi_clients=self._clients() if hotspot in ("up", "silent") else None,
-        )
+        clients = self._clients() if hotspot in ("up", "silent") else None
+        return replace(self.quick(), power=self._power(), hotspot=hotspot, wifi_clients=clients)
+
+    def quick(self) -> Machine:
+        """What can be had without starting a program."""
+        return Machine(temperature_c=self._temperature(), memory_free_mb=self._memory(), usb=self._usb())
 
     def hotspot(self) -> HotspotState:
         """Whether phones can see the hotspot: NetworkManager says that it runs *and* the radio sends a beacon.

@@ -10,6 +10,7 @@ from drivers.base import SensorMissing
 from drivers.depth.base import DepthCamera, DepthSettings
 from drivers.encoder.base import Encoder
 from drivers.grabber.base import FrameGrabber
+from drivers.lamp.base import Lamp
 
 DEPTH_CAMERAS: dict[str, str] = {
     "realsense": "drivers.depth.openers:realsense",
@@ -38,6 +39,12 @@ ENCODERS: dict[str, str] = {
     "virtual": "drivers.virtual.openers:encoder",
 }
 """Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the encoder."""
+
+LAMPS: dict[str, str] = {
+    "gpiozero": "drivers.lamp.pwm:PwmLamp",
+    "virtual": "drivers.lamp.virtual:VirtualLamp",
+}
+"""Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the lamp."""
 
 
 def open_depth_cameras(kind: str, settings: DepthSettings | None = None, **arguments: Any) -> list[DepthCamera]:
@@ -70,6 +77,16 @@ def open_encoder(kind: str, **arguments: Any) -> Encoder:
     SensorMissing for an unknown kind, ValueError for arguments that cannot be.
     """
     maker: Callable[..., Encoder] = _named(ENCODERS, kind, "tether encoder")
+    return maker(**arguments)
+
+
+def open_lamp(kind: str, **arguments: Any) -> Lamp:
+    """The lamp of a kind, made but not yet held: ``open`` is the caller's.
+
+    ``arguments``: "gpiozero" takes ``pin`` and ``hz``. Raises SensorMissing for an unknown kind, ValueError for arguments that
+    cannot be.
+    """
+    maker: Callable[..., Lamp] = _named(LAMPS, kind, "lamp")
     return maker(**arguments)
 
 
