@@ -68,6 +68,19 @@ class MachineSettings(BaseModel):
     """NetworkManager's name of the hotspot, to be watched and restored; empty where this box has none."""
 
 
+LampKind = Literal["none", "gpiozero", "virtual"]
+
+
+class LampSettings(BaseModel):
+    """The lamp of the box. The table ``[lamp]``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    driver: LampKind = "none"
+    options: dict[str, int | float] = {}
+    """Further arguments of the driver, by name: pin, hz."""
+
+
 class Settings(BaseModel):
     """Everything that can be set. All have defaults; names the program does not know are refused."""
 
@@ -101,6 +114,7 @@ class Settings(BaseModel):
     virtual_seed: int = Field(1, ge=0)
     """Which pipe the virtual sewer draws."""
     crawler: CrawlerSettings = Field(default_factory=lambda: CrawlerSettings.model_validate({}))
+    lamp: LampSettings = Field(default_factory=lambda: LampSettings.model_validate({}))
     machine: MachineSettings = Field(default_factory=lambda: MachineSettings.model_validate({}))
     virtual_description: Path | None = None
     """JSON file that describes the virtual sewer instead, with its faults."""

@@ -10,6 +10,7 @@ from device.detectors import Detector, NoDetector
 from device.feed import Feed, GrabberFeed
 from device.tether import Tether
 from drivers.encoder.base import Encoder
+from drivers.lamp.base import Lamp
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Optics:
 class Crawler:
     """``tether`` is None where the distance is burned into the picture and read by what ``reader`` makes, or is not known at
     all. ``detector`` makes one for each drive. ``begin`` is told that a drive begins and ``hold`` that it pauses: the virtual
-    crawler listens, a real one is driven from its own desk. ``radius`` (m) is that of a pipe that states none."""
+    crawler listens, a real one is driven from its own desk. ``radius`` (m) is that of a pipe that states none.
+    ``lamp`` lights the camera's picture, where the box can dim it."""
 
     grabber: GrabberFeed | None = None
     tether: Tether | None = None
@@ -32,6 +34,7 @@ class Crawler:
     detector: Callable[[], Detector] = NoDetector
     optics: Optics = field(default_factory=Optics)
     radius: float | None = None
+    lamp: Lamp | None = None
     begin: Callable[[], None] = lambda: None
     hold: Callable[[bool], None] = lambda held: None
 

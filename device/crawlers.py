@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from device.config import CrawlerSettings, Settings
+from device.config import CrawlerSettings, LampSettings, Settings
 from device.crawler import Crawler, Optics
 from device.detectors import Detector
 from device.errors import Invalid
@@ -16,7 +16,8 @@ from drivers.base import DriverError
 from drivers.encoder.base import Encoder
 from drivers.encoder.osd import OsdEncoder, OsdReader
 from drivers.grabber.base import FrameGrabber
-from drivers.registry import open_encoder, open_grabber
+from drivers.lamp.base import Lamp
+from drivers.registry import open_encoder, open_grabber, open_lamp
 
 _GRABBER_ARGUMENT = {"v4l2": "device", "stream": "url", "video": "file", "stills": "folder"}
 _RECORDED = ("video", "stills")
@@ -38,7 +39,16 @@ def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]
         optics=Optics(crawler.focal_px, crawler.centre_px),
         radius=crawler.radius_m,
         detector=_detector,
+        lamp=make_lamp(settings.lamp),
     )
+
+
+def make_lamp(settings: LampSettings) -> Lamp | None:
+    """The lamp of the settings, not switched on; None where the box has none. Raises Invalid where they name what cannot be."""
+    if settings.driver == "none":
+        return None
+    lamp: Lamp = _checked(lambda: open_lamp(settings.driver, **settings.options))
+    return lamp
 
 
 def _detector() -> Detector:
@@ -95,4 +105,4 @@ def _checked(make: Callable[[], Any]) -> Any:
     except (DriverError, ValueError) as error:
         raise Invalid(str(error)) from None
     except TypeError as error:
-        raise Invalid(f"The settings of the crawler name an option that its driver does not have: {error}.") from None
+        raise Invalid(f"The settings name an option that its driver does not have: {error}.") from None

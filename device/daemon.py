@@ -24,6 +24,10 @@ from device.crawlers import make_crawler
 from device.durable import make_folder
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
 from device.feed import CameraFeed
+from device.health_machine import MachineReader
+from device.health_watch import HealthWatch
+from device.lamp import LampKeeper
+from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
 from device.store import Store
 from device.store.surveys import QUESTIONS
@@ -32,6 +36,7 @@ from device.surveys.landmarks import LandmarkSurvey
 from device.surveys.live import LiveEstimates
 from device.tether import Tether
 from device.workers import WorkerPool
+from drivers.lamp.base import Lamp
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +65,9 @@ class Device:
         self.settings = settings
         self._begun = time.monotonic()
         self._bus = Bus()
-        self._clock = clock or Clock()
+        self._clock = clock or Clock(settings.machine.root)
+        self.turns = Turns()
+        """The loops of this box, for whoever feeds a watchdog."""
         self._changed = threading.Event()
         self._stop = threading.Event()
         self._feeds = make_feeds(settings, self._changed.set) if feeds is None else feeds
@@ -81,6 +88,20 @@ class Device:
         self._pool = pool or WorkerPool(settings.workers)
         self._live = LiveEstimates(self._feeds, self._pool, self._bus, settings.live_hz)
         self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live)
+        self._lamp = None if self._crawler.lamp is None else self._make_lamp(self._crawler.lamp)
+        self._health = HealthWatch(
+            MachineReader(settings.machine),
+            settings.data_dir,
+            self._clock,
+            self._bus,
+            [("camera", feed) for feed in self._feeds]
+            + [("grabber" if feed is self._crawler.grabber else "encoder", feed) for feed in self._crawler.feeds],
+            turn=self.turns.loop("health", 120.0),
+        )
+        for feed in (*self._feeds, *self._crawler.feeds):
+            feed.on_turn = self.turns.loop(f"watchdog of {feed.name}", 15.0)
+        self._live.on_turn = self.turns.loop("live estimates", 30.0)
+        self._survey.turns = self._drive.turns = self.turns
         self._announcer = threading.Thread(target=self._announce, name="status", daemon=True)
 
     def start(self) -> Device:
@@ -97,6 +118,9 @@ class Device:
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
         self._live.start()
+        self._health.start()
+        if self._lamp is not None:
+            self._lamp.start()
         self._announcer.start()
         return self
 
@@ -108,6 +132,9 @@ class Device:
         self._drive.close()
         self._survey.close()
         self._live.close()
+        self._health.close()
+        if self._lamp is not None:
+            self._lamp.close()
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.close()
         self._pool.close()
@@ -129,8 +156,33 @@ class Device:
             "survey": self._survey.state(),
             "storage": {"free_mb": self._free_mb(), "notice": self._store.notice},
             "clock": {"source": self._clock.source},
+            "prompts": self._health.prompts(),
+            "lamp": None if self._lamp is None else self._lamp.state(),
             "workers_replaced": self._pool.replaced,
         }
+
+    @property
+    def settled(self) -> bool:
+        """Whether every sensor is up or has been declared degraded or lost: nobody waits for one that is being started."""
+        feeds = (*self._feeds, *self._crawler.feeds)
+        return all(feed.status().state != "starting" for feed in feeds)
+
+    def status_line(self) -> str:
+        """One line for the service manager."""
+        feeds = [(feed.name, feed.status().state) for feed in (*self._feeds, *self._crawler.feeds)]
+        return ", ".join(f"{name} {state}" for name, state in feeds) or "no sensors"
+
+    def health(self) -> dict[str, Any]:
+        """Everything about the box itself, and what the operator should know of it."""
+        return self._health.to_json()
+
+    def lamp(self) -> dict[str, Any]:
+        """The lamp. Raises NotFound where the box has none."""
+        return self._lit().state()
+
+    def set_lamp(self, level: float | None = None, automatic: bool | None = None) -> dict[str, Any]:
+        """How bright the lamp should be, 0 to 1, or that the pictures say it; the lamp. Raises NotFound, Invalid."""
+        return self._lit().set(level, automatic)
 
     def live(self) -> dict[str, Any] | None:
         """{"camera", "frame", "age_s", ...live_summary} of the best camera, None while no camera sends."""
@@ -293,7 +345,9 @@ class Device:
         return self._drive.mark(label, clock, note)
 
     def drive_picture(self, overlay: bool = False) -> bytes | None:
-        """JPEG of the newest CCTV picture, or None."""
+        """JPEG of the newest CCTV picture, or None. Whoever looks wants to see: a resting lamp is lit."""
+        if self._lamp is not None:
+            self._lamp.look()
         return self._drive.picture(overlay)
 
     def set_encoder(self, change: dict[str, Any]) -> dict[str, Any]:
@@ -324,6 +378,15 @@ class Device:
         said = {key: value for key, value in change.items() if key != "by"}
         return self._drive.say(survey_id, landmark, said, str(change.get("by") or ""))
 
+    def _lit(self) -> LampKeeper:
+        if self._lamp is None:
+            raise NotFound("This box has no lamp that can be dimmed.")
+        return self._lamp
+
+    def _make_lamp(self, lamp: Lamp) -> LampKeeper:
+        crawler = self._crawler
+        return LampKeeper(lamp, self._store.remembered, crawler.grabber, crawler.tether, on_change=self._changed.set)
+
     def _idle_tether(self) -> Tether:
         self._drive.refuse_if_driving()
         if self._crawler.tether is None:
@@ -348,7 +411,9 @@ class Device:
             return 0
 
     def _announce(self) -> None:
+        turn = self.turns.loop("status", 15.0)
         while not self._stop.is_set():
+            turn()
             self._changed.wait(_STATUS_PERIOD_S)
             self._changed.clear()
             if not self._stop.is_set():

@@ -65,6 +65,8 @@ class Feed(Generic[S]):
         self.name = name
         self.kind = kind
         self.recorded = recorded
+        self.on_turn: Callable[[], None] = lambda: None
+        """Called with each turn of the watchdog: as long as it turns, somebody looks after the source."""
         self._make = make
         self._sampling = sampling
         self._on_demand = on_demand
@@ -219,6 +221,7 @@ class Feed(Generic[S]):
 
     def _watch(self) -> None:
         while not self._stop.wait(min(0.2, self._timing.read_limit_s / 4)):
+            self.on_turn()
             self._abandoned = [reader for reader in self._abandoned if reader.thread.is_alive()]
             reader = self._reader
             if reader is None:

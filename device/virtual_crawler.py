@@ -20,6 +20,7 @@ from device.tether import Tether
 from drivers.base import EndOfRecording
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
+from drivers.lamp.virtual import NOMINAL, VirtualLamp
 from drivers.virtual.crawler import DriveClock
 from drivers.virtual.detections import SeenLandmark, corrupted
 from drivers.virtual.drive import Drive, demo_drive
@@ -104,9 +105,10 @@ def _readings(drive: Drive) -> Iterator[Reading]:
 def virtual_crawler(seed: int, store: Store, on_change: Callable[[], None]) -> Crawler:
     """The live virtual crawler."""
     drive = demo_drive(seed)
-    footage, clock = Footage(drive), DriveClock(drive.length_s)
+    footage, clock, lamp = Footage(drive), DriveClock(drive.length_s), VirtualLamp()
+    lamp.set(NOMINAL)  # until the box takes hold of it
     grabber = GrabberFeed(
-        "virtual CCTV", "virtual", lambda: VirtualGrabber(footage, clock), on_demand=True, on_change=on_change
+        "virtual CCTV", "virtual", lambda: VirtualGrabber(footage, clock, lamp=lamp), on_demand=True, on_change=on_change
     )
     feed = EncoderFeed("virtual tether", "virtual", lambda: VirtualEncoder(drive, clock), on_change=on_change)
 
@@ -126,6 +128,7 @@ def virtual_crawler(seed: int, store: Store, on_change: Callable[[], None]) -> C
         detector=lambda: VirtualDetector(drive, moment),
         optics=_optics(drive),
         radius=drive.sewer.radius,
+        lamp=lamp,
         begin=begin,
         hold=clock.hold,
     )

@@ -10,10 +10,13 @@ from typing import Any
 
 from device.bus import Bus
 from device.errors import Busy, DeviceError, Invalid
+from device.notify import Turns
 from device.store import Store
 
 log = logging.getLogger(__name__)
 
+TURN_LIMIT_S = 120.0
+"""A measurement that neither takes a frame nor ends for so long is stuck; the estimates within have limits of their own."""
 _UNEXPECTED = "The measurement failed inside the box; its log says what. Measure again."
 
 
@@ -57,6 +60,8 @@ class Survey(ABC):
         self._cancel = threading.Event()
         self._thread: threading.Thread | None = None
         self._state: dict[str, Any] = _IDLE
+        self.turns = Turns()
+        """Whom the measuring thread tells that it goes on."""
 
     def state(self) -> dict[str, Any]:
         """{"state": "idle", "measuring" or "computing", "survey_id", "frames_done", "frames_wanted", "position"}."""
@@ -108,6 +113,7 @@ class Survey(ABC):
     def _measure(self, job: Job) -> Outcome: ...
 
     def _check_cancelled(self) -> None:
+        self.turns.loop(self.kind, TURN_LIMIT_S)()
         if self._cancel.is_set():
             raise Cancelled
 
@@ -152,6 +158,7 @@ class Survey(ABC):
             log.exception("survey %d failed in an unexpected way", job.survey_id)
         if not durable:
             self._forget(job)
+        self.turns.over(self.kind)
         done = self._state["frames_done"]
         self._state = _IDLE
         log.info("survey %d: %s%s", job.survey_id, state, f", {message}" if message else "")

@@ -17,6 +17,7 @@ from device.crawler import Crawler
 from device.errors import Busy, DeviceError, Invalid, NotFound, StorageFull
 from device.feed import Feed
 from device.landmark_overlay import draw
+from device.notify import Turns
 from device.pictures import encode_jpeg
 from device.prompts import PROMPTS
 from device.store import Kept, KeptLandmark, Store
@@ -31,6 +32,8 @@ from drivers.grabber.base import VideoFrame
 
 log = logging.getLogger(__name__)
 
+TURN_LIMIT_S = 60.0
+"""A drive that takes longer over one picture is stuck."""
 KEEP_S = 1.0
 TELL_S = 0.25
 AWAKE_S = 5.0
@@ -89,6 +92,8 @@ class LandmarkSurvey:
         self._drive: _Drive | None = None
         self._thread: threading.Thread | None = None
         self._jpeg: tuple[tuple[int, bool], bytes] | None = None
+        self.turns = Turns()
+        """Whom the drive's thread tells that it goes on."""
 
     # What the page asks
 
@@ -321,7 +326,9 @@ class LandmarkSurvey:
         keep_due = tell_due = time.monotonic()
         dropped_before = grabber.status().drops
         try:
+            turn = self.turns.loop("drive", TURN_LIMIT_S)
             while not drive.ending.is_set():
+                turn()
                 frame = frames.get(0.05)
                 with self._lock:
                     self._take_readings(drive, readings)
@@ -337,6 +344,7 @@ class LandmarkSurvey:
                     tell_due = now + TELL_S
                     self._tell(drive)
         finally:
+            self.turns.over("drive")
             frames.close()
             if readings is not None:
                 readings.close()

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Any
 
@@ -38,6 +39,8 @@ class LiveEstimates:
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._paused = False
+        self.on_turn: Callable[[], None] = lambda: None
+        """Called with each turn of the loop."""
         self._newest: dict[str, Any] | None = None
         self._thread = threading.Thread(target=self._run, name="live estimates", daemon=True)
 
@@ -82,6 +85,7 @@ class LiveEstimates:
         due = time.monotonic()
         while not self._stop.wait(due - time.monotonic()):
             due = max(due + self._period_s, time.monotonic())
+            self.on_turn()
             try:
                 if not self._paused:
                     for camera in self._cameras.values():

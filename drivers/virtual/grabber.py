@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.base import EndOfRecording, SensorLost
 from drivers.grabber.base import FrameGrabber, VideoFrame
+from drivers.lamp.virtual import VirtualLamp
 from drivers.virtual.cctv import Renderer
 from drivers.virtual.crawler import STALL_EACH_S, STALL_S, DriveClock, Plug
 from drivers.virtual.drive import Drive
@@ -44,12 +45,15 @@ class Footage:
 
 class VirtualGrabber(FrameGrabber):
     """Live: what the crawler of ``clock`` sees now; numbers run on at the camera's rate while nobody reads. Faults are those of
-    CCTV_FAULTS, by the wall clock."""
+    CCTV_FAULTS, by the wall clock. ``lamp`` lights it, where it has one."""
 
     name = "virtual CCTV"
 
-    def __init__(self, footage: Footage, clock: DriveClock, faults: FaultScript | None = None) -> None:
+    def __init__(
+        self, footage: Footage, clock: DriveClock, faults: FaultScript | None = None, lamp: VirtualLamp | None = None
+    ) -> None:
         self.faults = faults or FaultScript()
+        self._lamp = lamp
         self.frame_rate = footage.fps
         self._footage, self._clock = footage, clock
         self._plug = Plug(self.name, self.faults)
@@ -69,6 +73,8 @@ class VirtualGrabber(FrameGrabber):
             time.sleep(STALL_S)
             taken = time.monotonic_ns()
         image = _spoilt(self._footage, t, number, active, self._frozen)
+        if self._lamp is not None and image is not self._frozen:
+            image = self._lamp.light(image)
         self._frozen = image if "freeze" in active else None
         self._number = number
         return VideoFrame(image.copy() if image is self._frozen else image, taken, number, source=self.name)
