@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from device import clouds
+from device.access import Access, pin_of
 from device.bus import Bus, Subscription
 from device.cameras import feeds as make_feeds
 from device.clock import Clock
@@ -79,6 +80,11 @@ class Device:
             self._lock_file.close()
             raise
         try:
+            self.access = Access(
+                settings.pin or pin_of(settings.data_dir),
+                folder=settings.data_dir,
+                publish=lambda state: self._bus.publish("control", state),
+            )
             self._crawler = (crawler or (lambda store: make_crawler(settings, store, self._changed.set)))(self._store)
         except DeviceError:
             self._store.close()
@@ -189,7 +195,7 @@ class Device:
         return self._live.newest()
 
     def subscribe(self) -> Subscription:
-        """Events from now on: "status", "live", "measurement", "prompt", "drive"."""
+        """Events from now on: "status", "live", "measurement", "prompt", "drive", "control"."""
         return self._bus.subscribe()
 
     def picture(self, kind: str, camera: str | None = None) -> bytes | None:

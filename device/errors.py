@@ -1,5 +1,7 @@
 """What can go wrong in the box, each with one sentence for the operator."""
 
+import math
+
 
 class DeviceError(Exception):
     """The device could not do what it was asked. ``str()`` is the sentence to show."""
@@ -23,6 +25,32 @@ class Invalid(DeviceError):
     """What was given cannot be used."""
 
     code = "invalid"
+
+
+class Forbidden(DeviceError):
+    """Whoever asks may not do that."""
+
+    code = "forbidden"
+
+
+class WrongPin(DeviceError):
+    """Not the PIN on the label. ``wait_s`` seconds pass before another one is looked at."""
+
+    code = "wrong_pin"
+
+    def __init__(self, wait_s: float = 0.0) -> None:
+        self.wait_s = wait_s
+        super().__init__("That is not the PIN on the label." + (f" Try again in {math.ceil(wait_s)} s." if wait_s > 0 else ""))
+
+
+class TooSoon(DeviceError):
+    """After wrong PINs the next one is not looked at for ``wait_s`` seconds."""
+
+    code = "too_soon"
+
+    def __init__(self, wait_s: float) -> None:
+        self.wait_s = wait_s
+        super().__init__(f"Too many wrong PINs: try again in {math.ceil(wait_s)} s.")
 
 
 class StorageFull(DeviceError):

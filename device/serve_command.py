@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 from pathlib import Path
 from types import FrameType
@@ -11,7 +12,7 @@ from typing import Any
 import click
 
 from device.cli import camera_options, chosen_cameras
-from device.config import load_settings
+from device.config import Settings, load_settings
 from device.daemon import Device
 from device.errors import Invalid
 from device.memory import share_heaps
@@ -23,6 +24,8 @@ log = logging.getLogger(__name__)
 @camera_options
 @click.option("--host", help="Address to listen on; 0.0.0.0 for every network the box is in.")
 @click.option("--port", type=int, help="Port to listen on.")
+@click.option("--pin", help="Six digits to pair with, in place of the PIN on the label.")
+@click.option("--allow-host", "hosts", multiple=True, help="A name, besides its own, by which browsers may call the box.")
 def serve(
     virtual: bool,
     tof: bool,
@@ -33,32 +36,38 @@ def serve(
     config: Path | None,
     host: str | None,
     port: int | None,
+    pin: str | None,
+    hosts: tuple[str, ...],
 ) -> None:
     """Run the box: read the cameras, serve the page."""
     chosen = chosen_cameras(virtual, tof, description, replay, cameras)
     if virtual:
         chosen["crawler"] = {"grabber": "virtual", "encoder": "virtual"}
-    settings = load_settings(config, data_dir=data_dir, host=host, port=port, **chosen)
+    settings = load_settings(config, data_dir=data_dir, host=host, port=port, pin=pin, allowed_hosts=hosts or None, **chosen)
     share_heaps()
     device = Device(settings)
     try:
-        server = _bind(device, settings.host, settings.port)
+        server = _bind(device, settings)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda number, frame: _stop(device, number, frame))
         device.start()
         click.echo(f"borescout is at http://{_shown_host(settings.host)}:{server.effective_port}")
+        # The journal of a system service is no place for a secret; there the label tells it.
+        secret = "on the label" if "JOURNAL_STREAM" in os.environ else device.access.pin
+        click.echo(f"PIN to pair with: {secret}")
         server.run()
     finally:
         device.close()
         log.info("stopped")
 
 
-def _bind(device: Device, host: str, port: int) -> Any:
+def _bind(device: Device, settings: Settings) -> Any:
     from web_ui.app import create_app  # the page knows the device; only this command knows them both
     from web_ui.server import make_server
 
+    host, port = settings.host, settings.port
     try:
-        return make_server(create_app(device), host, port)
+        return make_server(create_app(device, allowed_hosts=settings.allowed_hosts), host, port)
     except PermissionError:
         raise Invalid(f"Port {port} needs more rights than this user has: choose another --port.") from None
     except OSError as error:

@@ -7,7 +7,7 @@ from flask import Flask
 from flask.json.provider import DefaultJSONProvider
 
 from device.json_text import dumps
-from web_ui import api, events, faults, guards, pages
+from web_ui import api, events, faults, guards, pages, session
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -23,7 +23,7 @@ class _PlainJson(DefaultJSONProvider):
 def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_cap: int = events.STREAM_CAP) -> Flask:
     """The pages and the API of `device`.
 
-    `allowed_hosts` are names, besides addresses and local ones, by which the box may be called; `stream_cap` bounds the live
+    `allowed_hosts` are names by which the box may be called, besides its own and its addresses; `stream_cap` bounds the live
     streams open at a time. The caller keeps the device and closes it.
     """
     app = Flask(__name__)
@@ -32,7 +32,8 @@ def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_
     app.jinja_env.trim_blocks = True
     app.jinja_env.lstrip_blocks = True
     faults.install(app)
-    guards.install(app, allowed_hosts)
+    guards.install(app, device.access, allowed_hosts)
+    app.register_blueprint(session.blueprint(device.access))
     app.register_blueprint(api.blueprint(device))
     app.register_blueprint(events.blueprint(device, stream_cap))
     app.register_blueprint(pages.blueprint(device))

@@ -54,6 +54,13 @@ class Body(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
+class PairBody(Body):
+    """The PIN on the label, and what to call the one who pairs."""
+
+    pin: Annotated[str, Field(pattern=r"^[0-9]{6}$", description="six digits")]
+    name: Annotated[str, Field(max_length=40), AfterValidator(_one_line)] = ""
+
+
 class NodeBody(Body):
     """A manhole or other node."""
 

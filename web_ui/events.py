@@ -14,7 +14,7 @@ from flask import Blueprint, Response, request
 
 from device.bus import Subscription
 from device.json_text import dumps
-from web_ui import faults
+from web_ui import faults, guards
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -64,7 +64,7 @@ class Stream:
 
     def __init__(self, device: "Device", gone: Callable[[], bool]) -> None:
         self._device = device
-        self._gone = gone
+        self._gone = gone  # the client went away, or is no longer let in
         self._stopped = threading.Event()
         self._on_close: Callable[[], None] = lambda: None
         self._subscription: Subscription | None = None
@@ -90,6 +90,7 @@ class Stream:
         yield frame("status", self._device.status())
         yield frame("live", self._device.live())
         yield frame("drive", self._device.drive())
+        yield frame("control", self._device.access.state())
         spoke = time.monotonic()
         while not (self._stopped.is_set() or subscription.closed or self._gone()):
             event = subscription.get(_WAIT_S)
@@ -117,7 +118,9 @@ def blueprint(device: "Device", cap: int) -> Blueprint:
         tab = request.args.get("tab", "")
         if tab and not _TAB.fullmatch(tab):
             return faults.answer(422, "tab: at most 40 letters, digits and hyphens.")
-        body = Stream(device, request.environ.get("waitress.client_disconnected", lambda: False))
+        disconnected = request.environ.get("waitress.client_disconnected", lambda: False)
+        token = request.cookies.get(guards.COOKIE, "")
+        body = Stream(device, lambda: disconnected() or device.access.session(token) is None)
         key = streams.admit(body, tab)
         if key is None:
             response = faults.answer(503, f"{cap} screens are already watching this box; close one of them.")

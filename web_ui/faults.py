@@ -7,11 +7,12 @@ from flask import Flask, Response, jsonify, make_response, render_template, requ
 from pydantic import ValidationError
 from werkzeug.exceptions import HTTPException
 
-from device.errors import Busy, Closed, DeviceError, Invalid, NotFound, StorageFull
+from device.errors import Busy, Closed, DeviceError, Forbidden, Invalid, NotFound, StorageFull
 
 log = logging.getLogger(__name__)
 
 _STATUS: tuple[tuple[type[DeviceError], int], ...] = (
+    (Forbidden, 403),
     (NotFound, 404),
     (Busy, 409),
     (Invalid, 422),
@@ -20,6 +21,7 @@ _STATUS: tuple[tuple[type[DeviceError], int], ...] = (
 )
 _CODES = {
     400: "bad_request",
+    401: "not_paired",
     403: "forbidden",
     404: "not_found",
     405: "method_not_allowed",

@@ -54,6 +54,7 @@ def _one(description: str, status: str = "200") -> dict[str, dict[str, Any]]:
 _DONE = {"204": _answer("Done.")}
 _CHANGE = (400, 403, 413, 415, 422)
 _BODIES: tuple[type[BaseModel], ...] = (
+    bodies.PairBody,
     bodies.NodeBody,
     bodies.PipeBody,
     bodies.PipeChange,
@@ -127,6 +128,7 @@ def _paths() -> dict[str, dict[str, Any]]:
         },
         "/measure/cancel": {"post": _operation("Cancel the measurement", _DONE, body=bodies.Empty, errors=_CHANGE)},
         **_drive_paths(jpeg),
+        **_door_paths(),
         "/surveys": {
             "get": _operation(
                 "The newest surveys",
@@ -207,6 +209,32 @@ def _drive_paths(jpeg: dict[str, Any]) -> dict[str, dict[str, Any]]:
                 path=landmark,
                 errors=(404, *_CHANGE),
             )
+        },
+    }
+
+
+def _door_paths() -> dict[str, dict[str, Any]]:
+    control = _one("Who controls the box and who asks.")
+    asked = {
+        "ask": "Ask for the control",
+        "grant": "Hand the control over to who asked",
+        "refuse": "Keep the control",
+        "release": "Give the control up, or ask no longer",
+    }
+    session = {"name": "session", "in": "path", "required": True, "schema": {"type": "string", "minLength": 8, "maxLength": 8}}
+    return {
+        "/session": {
+            "get": _operation("The own session", _one("The session.")),
+            "post": _operation("Pair by PIN", _one("The session."), body=bodies.PairBody, errors=(429, *_CHANGE)),
+            "delete": _operation("Unpair", _DONE, body=bodies.Empty, errors=_CHANGE),
+        },
+        "/sessions": {"get": _operation("Who is paired", _list("The paired devices."))},
+        "/sessions/{session}": {
+            "delete": {**_operation("Send somebody away", _DONE, body=bodies.Empty, errors=_CHANGE), "parameters": [session]}
+        },
+        **{
+            f"/control/{verb}": {"post": _operation(summary, control, body=bodies.Empty, errors=(409, *_CHANGE))}
+            for verb, summary in asked.items()
         },
     }
 

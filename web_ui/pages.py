@@ -79,6 +79,10 @@ def blueprint(device: "Device") -> Blueprint:
         kept = next((kind for kind in ("color", "depth") if device.survey_picture(number, kind) is not None), None)
         return render_template("result.html", survey=survey, picture=kept, questions=wording.QUESTIONS)
 
+    @pages.get("/pair")
+    def pair() -> str:
+        return render_template("pair.html")
+
     @pages.get("/favicon.ico")
     def favicon() -> ResponseReturnValue:
         return send_from_directory("static", "favicon.svg", mimetype="image/svg+xml", max_age=86400)

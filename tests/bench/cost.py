@@ -17,15 +17,12 @@ import json
 import os
 import platform
 import statistics
-import subprocess
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import wait
-from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +33,10 @@ from numpy.typing import NDArray
 from device.workers import WorkerPool
 from estimators.frame import FrameEstimate, estimate_frame
 from estimators.pinhole import Intrinsics
+from tests.bench.daemon import running
 from tests.bench.real_data import RealFrame, data_folder, fail, real_frames
 from tests.bench.table import print_table
+from tests.pairing import Pass, pair
 
 FRAMES = 50
 WORKERS = 2
@@ -147,7 +146,7 @@ class Observations:
 
 def daemon(source: list[str]) -> None:
     """Measure to verdict through the HTTP interface of ``borescout serve``, with one page open as a phone would have it."""
-    with tempfile.TemporaryDirectory(prefix="borescout-cost-") as folder, _serve(Path(folder), source) as (process, port):
+    with tempfile.TemporaryDirectory(prefix="borescout-cost-") as folder, running(Path(folder), source) as (process, port):
         seen = Observations()
         stop, measuring = threading.Event(), threading.Event()
         watchers = [
@@ -226,29 +225,16 @@ def _report_daemon(rows: list[tuple[float, float, dict[str, Any]]], seen: Observ
         print(f"  fault: {fault}")
 
 
-@contextmanager
-def _serve(folder: Path, source: list[str]) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    command = [sys.executable, "-m", "device.cli", "serve", *source, "--port", "0", "--data-dir", str(folder / "data")]
-    log = folder / "log.txt"
-    with log.open("w") as errors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            if "http://" not in line:
-                fail(f"'borescout serve' did not start: {log.read_text().strip().splitlines()[-1:]}")
-            yield process, int(line.strip().rsplit(":", 1)[1])
-        finally:
-            process.terminate()
-            try:
-                process.wait(15)
-            except subprocess.TimeoutExpired:
-                process.kill()
+@cache
+def _pass(port: int) -> Pass:
+    return pair(port)
 
 
 def _request(port: int, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
     try:
-        connection.request(method, path, json.dumps(body) if body is not None else None, {"Content-Type": "application/json"})
+        headers = {"Content-Type": "application/json", **_pass(port).headers}
+        connection.request(method, path, json.dumps(body) if body is not None else None, headers)
         answer = connection.getresponse()
         text = answer.read()
         if answer.status >= 400:
@@ -263,7 +249,7 @@ class _Events:
 
     def __init__(self, port: int) -> None:
         self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
-        self._connection.request("GET", "/api/v1/events")
+        self._connection.request("GET", "/api/v1/events", headers=_pass(port).headers)
         self._answer = self._connection.getresponse()
         if self._answer.status != 200:
             fail(f"The event stream answered {self._answer.status}.")
@@ -325,7 +311,7 @@ def _watch_pictures(port: int, seen: Observations, stop: threading.Event) -> Non
     while not stop.is_set():
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
         try:
-            connection.request("GET", "/api/v1/picture/depth.jpg")
+            connection.request("GET", "/api/v1/picture/depth.jpg", headers=_pass(port).headers)
             connection.getresponse().read()
         except (OSError, http.client.HTTPException) as error:
             seen.faults.append(f"picture: {error!r}")

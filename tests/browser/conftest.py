@@ -11,6 +11,7 @@ from playwright.sync_api import Browser, Page, Playwright, sync_playwright
 
 from tests.browser.fake_device import FakeDevice
 from tests.browser.serving import served
+from tests.pairing import browser_cookie, pair
 from web_ui.app import create_app
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -92,12 +93,17 @@ def root(device: FakeDevice) -> Iterator[str]:
 
 @pytest.fixture
 def watch(chromium: Browser, root: str) -> Iterator[Callable[..., Watched]]:
-    """Make a watched page: `watch(width, height, **context options)`. At the end nothing may have complained."""
+    """Make a watched page: `watch(width, height, **context options)`, paired; all of a test's pages share the session.
+
+    At the end nothing may have complained.
+    """
     made: list[Watched] = []
+    shared = pair(int(root.rsplit(":", 1)[1]))
 
     def make(width: int = 390, height: int = 844, **options: object) -> Watched:
         context = chromium.new_context(viewport={"width": width, "height": height}, **options)  # type: ignore[arg-type]  # passed on
         context.set_default_timeout(8000)
+        context.add_cookies([browser_cookie(shared, root)])
         watched = Watched(context.new_page(), root)
         made.append(watched)
         return watched

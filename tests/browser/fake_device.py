@@ -17,9 +17,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from device.access import Access
 from device.bus import Bus, Subscription
 from device.errors import Busy, Invalid, NotFound
 from tests.browser.fake_drive import FakeDrive
+from tests.pairing import PIN
 
 Json = dict[str, Any]
 
@@ -159,6 +161,7 @@ class FakeDevice(FakeDrive):
     def __post_init__(self) -> None:
         self._lock = threading.RLock()
         self._bus = Bus()
+        self.access = Access(PIN, publish=lambda state: self._bus.publish("control", state))
         self._ids = itertools.count(1)
         self._nodes: dict[int, Json] = {}
         self._pipes: dict[int, Json] = {}

@@ -9,6 +9,7 @@ from playwright.sync_api import Page, expect
 from tests.browser.conftest import Watched
 from tests.browser.fake_device import FakeDevice
 from tests.browser.serving import served
+from tests.pairing import browser_cookie, pair
 from web_ui.app import create_app
 
 POLLS = "(() => { window.EventSource = undefined; delete window.EventSource; })()"
@@ -222,10 +223,12 @@ def test_a_picture_that_stands_still_is_marked_old(screen: Watched, device: Fake
 
 def test_a_lost_connection_is_said_and_mends_itself(screen: Watched) -> None:
     first, second = FakeDevice(), FakeDevice()
+    second.access = first.access  # sessions live on over a restart
     page = screen.page
     banner = page.locator("#link-lost")
     with served(create_app(first)) as port:  # type: ignore[arg-type]  # a fake with the facade's methods
         screen.root = f"http://127.0.0.1:{port}"
+        screen.page.context.add_cookies([browser_cookie(pair(port), screen.root)])
         screen.open("/")
         expect(page.locator("#view-depth")).to_have_attribute("data-state", "live")
         expect(banner).to_be_hidden()

@@ -117,9 +117,7 @@ def test_a_lost_camera_and_its_return(watch: Callable[..., Watched], camera: Pip
 def test_cancelling_leaves_no_survey(watch: Callable[..., Watched], box: Bench) -> None:
     page = watch().open("/")
     expect(page.locator("#level-text")).to_have_text("Ready", timeout=PATIENCE_MS)
-    page.evaluate(
-        "fetch('/api/v1/measure', {method: 'POST', body: '{\"frames\": 500}', headers: {'Content-Type': 'application/json'}})"
-    )
+    page.evaluate("import('/static/js/api.js').then((m) => m.ask('/measure', { method: 'POST', body: { frames: 500 } }))")
     page.get_by_role("button", name="Cancel").click()
     expect(page.locator("#start")).to_be_visible()
     assert box.device.surveys() == []

@@ -31,6 +31,7 @@ from drivers.encoder.base import Encoder, Reading
 from drivers.grabber.base import FrameGrabber, VideoFrame
 from estimators.detections import Detection
 from estimators.landmarks.projection import PipeCamera, View, project
+from tests.pairing import PIN
 
 CAMERA = PipeCamera(170.0, 170.0, 0.15, 240, 192)
 CENTRE = (119.5, 95.5)
@@ -67,7 +68,7 @@ class Bench:
         self.tether: Tether | None = None
         self.feed: GrabberFeed | None = None
         self.device = Device(
-            Settings(data_dir=folder), feeds=[], pool=WorkerPool(1), clock=Clock(folder / "x"), crawler=self._crawler
+            Settings(data_dir=folder, pin=PIN), feeds=[], pool=WorkerPool(1), clock=Clock(folder / "x"), crawler=self._crawler
         )
         self.ear = self.device.subscribe()
         self.device.start()

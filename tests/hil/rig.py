@@ -20,6 +20,7 @@ from device.workers import WorkerPool
 from drivers.base import FrameTimeout, SensorLost
 from drivers.depth.base import DepthCamera, DepthFrame
 from estimators.frame import estimate_frame
+from tests.pairing import PIN
 from tests.unit.analytic_scenes import SMALL, cylinder, to_depth
 
 TIMING = FeedTiming(
@@ -79,7 +80,7 @@ class Bench:
         self, folder: Path, *cameras: DepthCamera, estimate: Callable[..., Any] = estimate_frame, frames: int = 12
     ) -> None:
         self.cameras = cameras
-        settings = Settings(data_dir=folder, frames=frames)
+        settings = Settings(data_dir=folder, frames=frames, pin=PIN)
         feeds = [CameraFeed(camera.name, "virtual", lambda camera=camera: camera, timing=TIMING) for camera in cameras]
         self.pool = WorkerPool(2, estimate, limit_s=30.0)
         self.device = Device(settings, feeds=feeds, pool=self.pool, clock=Clock(folder / "no-machine"))

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.pairing import PIN, pair
 from tests.unit.analytic_scenes import SMALL, cylinder, to_depth
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -262,7 +263,7 @@ def test_ctrl_c_cancels_a_measurement_cleanly(tmp_path: Path) -> None:
 def serve(*arguments: str | Path) -> tuple[subprocess.Popen[str], str]:
     """A running daemon and the address it printed."""
     daemon = subprocess.Popen(
-        [sys.executable, "-m", "device.cli", "serve", "--port", "0", *map(str, arguments)],
+        [sys.executable, "-m", "device.cli", "serve", "--port", "0", "--pin", PIN, *map(str, arguments)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -282,14 +283,17 @@ def test_serve_prints_its_address_answers_and_stops_cleanly(recorded: Path, tmp_
     daemon, address = serve("--replay", recorded, "--data-dir", tmp_path / "data")
     try:
         deadline = time.monotonic() + 60
+        headers = pair(int(address.rsplit(":", 1)[1])).headers
         while time.monotonic() < deadline:
-            with urllib.request.urlopen(f"{address}/api/v1/status", timeout=30) as answer:
+            asked = urllib.request.Request(f"{address}/api/v1/status", headers=headers)
+            with urllib.request.urlopen(asked, timeout=30) as answer:
                 status = json.load(answer)
             if status["cameras"][0]["state"] == "up":
                 break
             time.sleep(0.1)
         assert status["cameras"][0]["state"] == "up"
-        stream = urllib.request.urlopen(f"{address}/api/v1/events", timeout=30)  # a page that is open must not hold it up
+        asked = urllib.request.Request(f"{address}/api/v1/events", headers=headers)
+        stream = urllib.request.urlopen(asked, timeout=30)  # a page that is open must not hold it up
         assert stream.readline()
         begun = time.monotonic()
         daemon.send_signal(number)

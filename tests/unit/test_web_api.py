@@ -9,6 +9,7 @@ from flask.testing import FlaskClient
 from werkzeug.test import TestResponse
 
 from tests.browser.fake_device import FakeDevice
+from tests.pairing import paired_client
 from web_ui.app import create_app
 
 
@@ -21,7 +22,7 @@ def device() -> Iterator[FakeDevice]:
 
 @pytest.fixture
 def client(device: FakeDevice) -> FlaskClient:
-    return create_app(device).test_client()  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
+    return paired_client(create_app(device))  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
 
 
 def send(client: FlaskClient, path: str, body: Any = None, method: str = "POST") -> TestResponse:

@@ -9,6 +9,7 @@ import pytest
 from flask.testing import FlaskClient
 
 from tests.browser.fake_device import FakeDevice
+from tests.pairing import paired_client
 from tests.unit.device_doubles import eventually
 from tests.unit.test_web_api import error, pipe, send
 from web_ui.app import create_app
@@ -23,7 +24,7 @@ def device() -> Iterator[FakeDevice]:
 
 @pytest.fixture
 def client(device: FakeDevice) -> FlaskClient:
-    return create_app(device).test_client()  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
+    return paired_client(create_app(device))  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
 
 
 def drive(client: FlaskClient) -> dict[str, Any]:

@@ -3,12 +3,14 @@
 import http.client
 import time
 from collections.abc import Iterator
+from typing import ClassVar
 
 import pytest
 
 from device.bus import Bus
 from tests.browser.fake_device import FakeDevice
 from tests.browser.serving import served
+from tests.pairing import Pass, pair
 from web_ui import events
 from web_ui.app import create_app
 
@@ -24,14 +26,17 @@ def device() -> Iterator[FakeDevice]:
 def port(device: FakeDevice) -> Iterator[int]:
     app = create_app(device, stream_cap=3)  # type: ignore[arg-type]  # a fake with the facade's methods
     with served(app, stream_cap=3) as port:
+        Listener.paired = pair(port)
         yield port
         device.close()
 
 
 class Listener:
+    paired: ClassVar[Pass]
+
     def __init__(self, port: int, tab: str = "") -> None:
         self.connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        self.connection.request("GET", f"/api/v1/events?tab={tab}")
+        self.connection.request("GET", f"/api/v1/events?tab={tab}", headers=self.paired.headers)
         self.response = self.connection.getresponse()
 
     def names(self, seconds: float) -> list[str]:
@@ -106,7 +111,7 @@ def test_a_tab_that_comes_back_takes_the_place_of_its_old_stream(port: int) -> N
 def test_asking_for_the_head_of_a_stream_takes_no_place(port: int) -> None:
     for _ in range(6):
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        connection.request("HEAD", "/api/v1/events")
+        connection.request("HEAD", "/api/v1/events", headers=Listener.paired.headers)
         assert connection.getresponse().status == 200
         connection.close()
     assert Listener(port).response.status == 200
@@ -131,7 +136,7 @@ def test_silence_is_broken_by_a_heartbeat(device: FakeDevice, monkeypatch: pytes
     monkeypatch.setattr(device, "subscribe", Bus().subscribe)  # a bus on which nothing is ever published
     stream = events.Stream(device, lambda: False)  # type: ignore[arg-type]  # a fake with the facade's methods
     chunks = iter(stream)
-    assert [next(chunks) for _ in range(6)][4:] == [b": still here\n\n"] * 2
+    assert [next(chunks) for _ in range(7)][5:] == [b": still here\n\n"] * 2
     stream.close()
     assert list(chunks) == []
 

@@ -1,5 +1,6 @@
 """What every request must pass and every answer carries."""
 
+import socket
 from collections.abc import Iterator
 
 import pytest
@@ -7,8 +8,9 @@ from flask import Flask
 from flask.testing import FlaskClient
 
 from tests.browser.fake_device import FakeDevice
+from tests.pairing import paired_client
 from web_ui.app import create_app
-from web_ui.guards import host_is_ours
+from web_ui.guards import host_is_ours, own_address, own_names
 
 
 @pytest.fixture(scope="module")
@@ -24,9 +26,17 @@ def app(device: FakeDevice) -> Flask:
     return create_app(device, allowed_hosts=["Box.Example.com"])  # type: ignore[arg-type]  # a fake with the facade's methods
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def client(app: Flask) -> FlaskClient:
-    return app.test_client()
+    return paired_client(app)
+
+
+NAMES = {"localhost", "borescout", "borescout.local", "box.lan"}
+ADDRESSES = {"127.0.0.1", "10.42.0.1", "::1", "fe80::1"}
+
+
+def ours(host: str) -> bool:
+    return host_is_ours(host, NAMES, lambda text: text in ADDRESSES)
 
 
 @pytest.mark.parametrize(
@@ -39,29 +49,45 @@ def client(app: Flask) -> FlaskClient:
         "[::1]",
         "[fe80::1]:8080",
         "borescout",
-        "borescout.local",
+        "Borescout.local.",
         "BOX.lan:80",
     ],
 )
-def test_local_names_are_ours(host: str) -> None:
-    assert host_is_ours(host)
+def test_own_names_and_addresses_are_ours(host: str) -> None:
+    assert ours(host)
 
 
-FOREIGN = ["", "evil.example", "evil.example:80", "127.0.0.1.evil.example", "borescout.local.evil.example", "[1.2.3.4.5]"]
+FOREIGN = [
+    "",
+    "evil.example",
+    "evil.example:80",
+    "127.0.0.1.evil.example",
+    "borescout.local.evil.example",
+    "[1.2.3.4.5]",
+    "10.42.0.2",
+    "evil.local",
+    "printer",
+]
 BROKEN = ["a b", "a/b", "[::1", "[zz]", "x:99999999", "a@b", ".", "host\u0661"]
 
 
 @pytest.mark.parametrize("host", FOREIGN + BROKEN)
 def test_foreign_and_broken_names_are_not(host: str) -> None:
-    assert not host_is_ours(host)
+    assert not ours(host)
 
 
-@pytest.mark.parametrize("path", ["/", "/surveys", "/api/v1/status", "/static/style.css", "/nothing"])
+def test_this_machine_knows_itself() -> None:
+    assert {"localhost", socket.gethostname().lower().split(".")[0]} <= own_names()
+    assert own_address("127.0.0.1")
+    assert own_address("::1")
+    for foreign in ("192.0.2.1", "2001:db8::1", "0.0.0.0", "::", "224.0.0.1", "255.255.255.255", "localhost", "1.2.3.4.5", ""):
+        assert not own_address(foreign), foreign
+
+
+@pytest.mark.parametrize("path", ["/", "/surveys", "/api/v1/status", "/static/style.css", "/pair", "/nothing"])
 def test_a_request_for_another_host_is_refused(client: FlaskClient, path: str) -> None:
-    assert client.get(path, headers={"Host": "evil.example"}).status_code in (400, 404)
-    if path != "/nothing":
-        assert client.get(path, headers={"Host": "evil.example"}).status_code == 400
-        assert client.get(path, headers={"Host": "box.example.com"}).status_code == 200
+    assert client.get(path, headers={"Host": "evil.example"}).status_code == 400
+    assert client.get(path, headers={"Host": "box.example.com"}).status_code == (404 if path == "/nothing" else 200)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +105,7 @@ def test_another_sites_page_is_refused(client: FlaskClient, device: FakeDevice, 
 
 def test_the_own_page_is_let_in(client: FlaskClient) -> None:
     assert client.post("/api/v1/nodes", json={"name": "A"}, headers={"Origin": "http://localhost"}).status_code == 201
-    headers = {"Origin": "http://10.42.0.1:8000", "Host": "10.42.0.1:8000"}
+    headers = {"Origin": "http://127.0.0.1:8000", "Host": "127.0.0.1:8000"}
     assert client.post("/api/v1/nodes", json={"name": "B"}, headers=headers).status_code == 201
 
 

@@ -11,6 +11,7 @@ from flask.testing import FlaskClient
 
 import web_ui
 from tests.browser.fake_device import FakeDevice
+from tests.pairing import paired_client
 from web_ui.app import create_app
 from web_ui.wording import millimetres, percent, when
 
@@ -27,7 +28,7 @@ def device() -> Iterator[FakeDevice]:
 
 @pytest.fixture
 def client(device: FakeDevice) -> FlaskClient:
-    return create_app(device).test_client()  # type: ignore[arg-type]  # a fake with the facade's methods
+    return paired_client(create_app(device))  # type: ignore[arg-type]  # a fake with the facade's methods
 
 
 class Tags(HTMLParser):

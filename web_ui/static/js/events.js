@@ -1,5 +1,5 @@
 // Live values from the box: Server-Sent Events where they work, polling where they do not (iOS drops streams of sleeping tabs).
-// Listeners get "status", "live", "measurement", "prompt", "drive", and "link" with "up" or "lost".
+// Listeners get "status", "live", "measurement", "prompt", "drive", "control", and "link" with "up" or "lost".
 
 import { ask } from "./api.js";
 
@@ -7,7 +7,7 @@ const SILENCE_MS = 4000; // the box speaks at least once a second
 const LOST_MS = 3500;
 const POLL_MS = 400;
 const RETRY_MS = 6000;
-const NAMES = ["status", "live", "measurement", "prompt", "drive"];
+const NAMES = ["status", "live", "measurement", "prompt", "drive", "control"];
 
 const tabName = () => Array.from(crypto.getRandomValues(new Uint32Array(2)), (part) => part.toString(36)).join("-");
 
@@ -106,12 +106,14 @@ export class Feed {
         try {
           const wantStatus = this.polls % 3 === 0 || !this.live;
           this.polls += 1;
-          const [status, live] = await Promise.all([
+          const [status, control, live] = await Promise.all([
             wantStatus ? ask("/status", { timeoutMs: 3000 }) : null,
+            wantStatus ? ask("/session", { timeoutMs: 3000 }) : null,
             this.live ? ask(`/${this.live}`, { timeoutMs: 3000 }) : null,
           ]);
           this.hear();
           if (status) this.emit("status", status);
+          if (control?.paired) this.emit("control", control);
           if (this.live) this.emit(this.live, live);
         } catch {
           // Not an accident but the message: `check` turns the silence into the banner.

@@ -44,5 +44,5 @@ export function showHealth(status, link) {
     if (item.detail) words.append(html("span", { class: "small" }, item.detail));
     return html("li", { "data-state": item.state }, [icon(item.icon), words]);
   });
-  byId("health-body").replaceChildren(html("ul", {}, rows), html("p", { class: "small" }, `borescout ${status.version}`));
+  byId("health-body").replaceChildren(html("ul", {}, rows), html("p", { class: "small" }, [`borescout ${status.version} · `, html("a", { href: "/pair" }, "Paired devices and control")]));
 }

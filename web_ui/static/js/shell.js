@@ -1,6 +1,7 @@
 // What every page does: health strip, the banner when the box is out of reach, the clock.
 
 import { offerClock } from "./clock.js";
+import { startControl } from "./control.js";
 import { announce, byId } from "./dom.js";
 import { Feed } from "./events.js";
 import { showHealth } from "./health.js";
@@ -24,6 +25,7 @@ export function startShell({ live = null } = {}) {
   window.addEventListener("pageshow", (event) => {
     if (event.persisted) feed.start();
   });
+  startControl(feed);
   feed.start();
   offerClock();
   return feed;
