@@ -16,7 +16,8 @@ Gray = NDArray[np.uint8]
 class FlowConfig:
     """The grid has about ``points``; ``window`` (px) and ``levels`` of the pyramid, ``agreement`` (px) between a point and
     where the way back ends, ``texture`` the least eigenvalue that a point is tracked with, ``least`` (px) the median motion
-    that a step waits for, up to ``patience`` pictures. Pixels are those of the picture that is tracked, ``width`` wide."""
+    that a step waits for, up to ``patience`` pictures, unless more than a share ``lossy`` of the points is lost meanwhile.
+    Pixels are those of the picture that is tracked, ``width`` wide."""
 
     points: int = 200
     window: int = 13
@@ -25,6 +26,7 @@ class FlowConfig:
     texture: float = 2e-4
     least: float = 2.0
     patience: int = 5
+    lossy: float = 0.15
     width: int = 360
 
 
@@ -98,8 +100,10 @@ class Tracker:
             self._reference, self._since, self._pace = small, 0, np.inf
             return None
         found = flow(self._reference, small, self._config)
-        self._pace = found.length / self._since
-        if found.length < self._config.least and self._since < self._config.patience and len(found.points):
+        # where many are lost, those that are left are the slow ones: what they say of the pace is not to be waited on
+        reliable = len(found.points) > (1 - self._config.lossy) * found.tried
+        self._pace = found.length / self._since if reliable else np.inf
+        if reliable and found.length < self._config.least and self._since < self._config.patience:
             return None
         found = Flow(part * found.points + (part - 1) / 2, part * found.motion, found.tried, self._since)
         self._since, self._reference = 0, small

@@ -6,7 +6,7 @@ Pictures are rendered, with a line of text burned in, and the flow comes from th
 picture at infinity. Static is the middle of the picture; eq. 7 is the paper's estimate picture by picture, held where there is
 none. Each drive has a halt in which the camera pans aside and back, a turn of the camera while it drives, and a way back.
 While the camera is turned there is no truth to compare with; all else counts, from the moment it looks ahead again.
-Seeds 1 to 8 and 106 to 108 were looked at while the estimator was written; those from 200 on were not.
+Seeds 1 to 8, 106 to 108 and 208 were looked at while the estimator was written; those from 300 on were not.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=10, help="how many drives")
-    parser.add_argument("--first", type=int, default=200, help="seed of the first")
+    parser.add_argument("--first", type=int, default=300, help="seed of the first")
     parser.add_argument("--seconds", type=float, default=30.0, help="of each drive, around its halt and its turning point")
     arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.seeds)

@@ -72,6 +72,15 @@ def test_the_tracker_is_back_within_its_patience_when_a_standing_camera_moves() 
     assert np.median(found.motion, axis=0) == pytest.approx([12.0, 0.0], abs=0.1)
 
 
+def test_the_tracker_does_not_wait_where_most_points_are_lost() -> None:
+    image, rng = picture(shape=(576, 720)), np.random.default_rng(0)
+    tracker = Tracker(FlowConfig(least=4.0, patience=5))
+    noisy = [np.clip(90 + 0.04 * image + rng.normal(0, 30, image.shape), 0, 255).astype(np.uint8) for _ in range(4)]
+    found = [tracker.step(one) for one in noisy]
+    assert found[0] is None
+    assert all(flow is not None and flow.span == 1 and len(flow.points) < 0.85 * flow.tried for flow in found[1:])
+
+
 @pytest.mark.parametrize("shape", [(192, 240), (720, 1280)])
 def test_small_and_large_pictures_are_tracked_in_their_own_pixels(shape: tuple[int, int]) -> None:
     image, tracker = picture(shape=shape), Tracker()
