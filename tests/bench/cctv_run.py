@@ -152,9 +152,8 @@ def _compare(frames: list[VideoFrame], places: list[float | None], result: Joint
     print(f"rings within 3 % of the marks: {sum(off <= 3 for off in offs)} of {len(offs)}, without two joints a miss")
     print(f"flow told the focus of expansion in {len(flow_offs)}; in the others the counter stands. Within 3 %")
     print(f"of two marked rings: {sum(off <= 3 for off in flow_offs)}, median {np.median(flow_offs):.1f} %")
-    print(
-        f"of the near ring, in the pipe the crawler is in: {sum(off <= 3 for off in near_offs)}, median {np.median(near_offs):.1f} %"
-    )
+    near = sum(off <= 3 for off in near_offs)
+    print(f"of the near ring, in the pipe that the crawler is in: {near}, median {np.median(near_offs):.1f} %")
     print(f"from the still before and from the one after: apart by {np.median(apart):.1f} % (median of {len(apart)})")
 
 
