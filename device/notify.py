@@ -94,8 +94,7 @@ class Watchdog:
 class Keeper:
     """One thread between the box and systemd.
 
-    READY is told when ``ready`` is true; until then the start is prolonged while the loops turn, so that a slow start is not
-    taken for a dead one. Then WATCHDOG is told at a third of its period, only while no loop of ``turns`` is late, with
+    READY is told when ``ready`` is true; how long that may take is the unit's TimeoutStartSec. Then WATCHDOG is told at a third of its period, only while no loop of ``turns`` is late, with
     ``status`` as the status line.
     """
 
@@ -132,7 +131,7 @@ class Keeper:
 
     def _run(self) -> None:
         while not self._ready():
-            self._notifier.tell("STATUS=starting: " + self._status(), f"EXTEND_TIMEOUT_USEC={30_000_000}")
+            self._notifier.tell("STATUS=starting: " + self._status())
             if self._stop.wait(self._start_poll_s):
                 return
         self._notifier.tell("READY=1", "STATUS=" + self._status())
