@@ -1,0 +1,123 @@
+"""All recordings of this box: begins them, keeps room for them and for findings, recovers what a power cut left behind."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from device.recorder.names import Name, name_of, recordings_in
+from device.recorder.policy import DiskPolicy, Stored, decide
+from device.recorder.recorder import PART_BYTES, Recorder
+from device.recorder.recovery import CannotRecover, Report, in_use, recover, remove_leftovers
+from device.recorder.scan import ends_well
+from device.recorder.writer import sync_folder
+
+log = logging.getLogger(__name__)
+
+TURNED_OFF = "Recording is turned off in the settings."
+
+
+class Shelf:
+    """The folder of recordings. ``policy`` says how much of the disk they may have; ``free`` tells how much is left."""
+
+    def __init__(
+        self,
+        folder: Path,
+        policy: DiskPolicy | None = None,
+        *,
+        enabled: bool = True,
+        part_bytes: int = PART_BYTES,
+        free: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.folder = folder
+        self._policy = policy or DiskPolicy()
+        self._enabled = enabled
+        self._part_bytes = part_bytes
+        self._free = free
+        self._on_change = on_change
+        self._lock = threading.Lock()
+        self._under_way: list[Recorder] = []
+        self._pruned = 0
+        self._reports: list[Report] = []
+
+    def begin(self, survey: int, head: Mapping[str, object], offset_ns: int = 0) -> Recorder:
+        """A recorder for a survey, begun. Where nothing can be recorded it is off and says why; it never raises for that."""
+        takes = [name.take for path in recordings_in(self.folder) if (name := name_of(path)) and name.survey == survey]
+        recorder = Recorder(
+            self.folder,
+            Name(survey, 1 + max(takes, default=0), 1),
+            {"survey_id": survey, **head},
+            offset_ns=offset_ns,
+            part_bytes=self._part_bytes,
+            may_go_on=self.make_room,
+            on_change=self._on_change,
+        )
+        with self._lock:
+            self._under_way = [other for other in self._under_way if other.recording] + [recorder]
+        return recorder.open() if self._enabled else recorder.turned_off(TURNED_OFF)
+
+    def make_room(self) -> bool:
+        """Remove the oldest recordings where the policy asks for it; whether recording may go on. Raises OSError."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        stored = [Stored(path, path.stat().st_size) for path in recordings_in(self.folder)]
+        wanted = decide(self._free(self.folder), stored, self._policy)
+        if not wanted.remove:
+            return wanted.may_record
+        busy = {path for path in wanted.remove if in_use(path)}
+        if busy:
+            stored = [Stored(one.path, one.size, in_use(one.path)) for one in stored]
+            wanted = decide(self._free(self.folder), stored, self._policy)
+        for path in wanted.remove:
+            log.warning("the disk is nearly full: the recording %s goes", path.name)
+            path.unlink(missing_ok=True)
+            self._pruned += 1
+        sync_folder(self.folder)
+        return wanted.may_record
+
+    def recover_all(self) -> list[Report]:
+        """Make whole what was cut off when the box last stopped. What cannot be recovered stays as it is."""
+        remove_leftovers(self.folder)
+        reports = []
+        for path in recordings_in(self.folder):
+            try:
+                if ends_well(path) or in_use(path):
+                    continue
+                reports.append(recover(path))
+                log.warning("the recording %s was cut off; it is recovered, %s s are lost", path.name, reports[-1].lost_seconds)
+            except (CannotRecover, OSError) as error:
+                log.error("%s", error)
+        self._reports = reports
+        self._on_change()
+        return reports
+
+    def files(self, survey: int) -> list[Path]:
+        """The recordings of a survey, oldest first."""
+        return [path for path in recordings_in(self.folder) if (name := name_of(path)) and name.survey == survey]
+
+    def remove(self, survey: int) -> None:
+        """The survey is gone for good, and so are its recordings."""
+        for path in self.files(survey):
+            path.unlink(missing_ok=True)
+
+    def status(self) -> dict[str, Any]:
+        """The recordings under way and what became of others, JSON-ready."""
+        with self._lock:
+            under_way = list(self._under_way)
+        return {
+            "enabled": self._enabled,
+            "pruned": self._pruned,
+            "recovered": len(self._reports),
+            "now": [{"survey_id": one.name.survey, **one.status().to_json()} for one in under_way],
+        }
+
+    def close(self) -> None:
+        """Make every file whole. May be called twice."""
+        with self._lock:
+            under_way = list(self._under_way)
+        for recorder in under_way:
+            recorder.close()
