@@ -1,0 +1,1 @@
+"""What the utility takes home: sites, inspections and their coded observations, ready to be exported."""
