@@ -18,7 +18,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
@@ -29,7 +29,7 @@ _MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
 _MARK_AT = _HEAD.size + _CHUNK.size - 4
 _MOST_UNCOMPRESSED = 1 << 30
 _MOST_SMALL = 1 << 24
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError, ValueError, RuntimeError, MemoryError)
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, RuntimeError, MemoryError, OverflowError)
 
 
 @dataclass(frozen=True)
