@@ -12,11 +12,13 @@ PUBLIC = frozenset(
         "session.state",  # tells the caller of itself alone
         "session.pair",
         "api.document",
+        "captive.probe",  # a fixed word each, the same in every box
+        "captive.no_content",
     }
 )
 """Endpoints that answer without a session."""
 
-ANY_HOST: frozenset[str] = frozenset()
+ANY_HOST: frozenset[str] = frozenset({"captive.probe", "captive.no_content"})
 """Public endpoints that answer under any host name: what phones ask to find out whether a network has a portal."""
 
 WATCHERS_MAY = frozenset(
