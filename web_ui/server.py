@@ -4,9 +4,10 @@ import logging
 import socket
 from typing import Any
 
-import waitress
 from flask import Flask
+from waitress.adjustments import Adjustments
 
+from web_ui import connections, guards
 from web_ui.events import STREAM_CAP
 
 _PICTURE_AND_API_THREADS = 6
@@ -39,19 +40,24 @@ def make_server(app: Flask, host: str, port: int, *, stream_cap: int = STREAM_CA
     """
     # It tells of every phone that leaves in the middle of a picture, which they do all day.
     logging.getLogger("waitress").setLevel(logging.WARNING)
-    return waitress.create_server(
-        app,
-        sockets=[_listen(host, port)],
+    logging.getLogger("waitress.queue").setLevel(logging.ERROR)  # a line for each request that waits: many fill a disk
+    listener = _listen(host, port)
+    adjustments = Adjustments(
+        sockets=[listener],
         threads=stream_cap + _PICTURE_AND_API_THREADS,
         ident="borescout",
         # Needed for `waitress.client_disconnected`: without it the server does not look at the socket while a request runs.
         channel_request_lookahead=1,
-        channel_timeout=60,
-        connection_limit=100,
-        max_request_body_size=1024 * 1024,
+        cleanup_interval=1,
+        connection_limit=connections.MOST_CONNECTIONS + 20,
+        backlog=256,
+        max_request_header_size=16 * 1024,
+        max_request_body_size=2 * guards.MAX_BODY_BYTES,  # what is larger than its half is answered in words
         # A stalled stream may hold this much; the default of 16 MB for each of them is more than the box has to spare.
         outbuf_high_watermark=256 * 1024,
         clear_untrusted_proxy_headers=True,
         log_socket_errors=False,
         asyncore_use_poll=True,
     )
+    place = (listener.family, listener.type, listener.proto, listener.getsockname())
+    return connections.Server(app, {}, True, listener, adj=adjustments, bind_socket=False, sockinfo=place)
