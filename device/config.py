@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import tomllib
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from device.autonomy import Rules
 from device.errors import Invalid
 
 CameraKind = Literal["realsense", "oak", "replay", "virtual"]
@@ -81,6 +83,51 @@ class LampSettings(BaseModel):
     """Further arguments of the driver, by name: pin, hz."""
 
 
+class AutonomySettings(BaseModel):
+    """Logging by itself. The table ``[autonomy]``; the last word on the page counts more than ``enabled``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    enabled: bool = False
+    rules: dict[str, Annotated[float, Field(gt=0)]] = {}
+    """Fields of ``device.autonomy.Rules`` by name, in seconds and metres."""
+
+    @field_validator("rules")
+    @classmethod
+    def _known(cls, rules: dict[str, float]) -> dict[str, float]:
+        known = [field.name for field in fields(Rules)]
+        for name in rules:
+            if name not in known:
+                raise ValueError(f"there is no rule called {name}, known are {', '.join(known)}")
+        return rules
+
+    def made(self) -> Rules:
+        """The rules, the others as they are."""
+        return Rules(**self.rules)  # type: ignore[arg-type]  # a number of tries comes as a float, and serves as one
+
+
+class RecordingSettings(BaseModel):
+    """Raw data of every survey. The table ``[recording]``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    enabled: bool = True
+    keep_free_mb: int = Field(1000, ge=0)
+    """Below this much free space the oldest recordings are removed."""
+    stop_free_mb: int = Field(300, ge=0)
+    """Below this, with none left to remove, recording ends: the rest is for findings."""
+    most_mb: int | None = Field(None, gt=0)
+    """All recordings together; as much as fits where it is not given."""
+    part_mb: int = Field(256, ge=1)
+    """A long recording is split into files of this size."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> RecordingSettings:
+        if self.stop_free_mb > self.keep_free_mb:
+            raise ValueError("keep_free_mb must not be less than stop_free_mb")
+        return self
+
+
 class Settings(BaseModel):
     """Everything that can be set. All have defaults; names the program does not know are refused."""
 
@@ -114,6 +161,8 @@ class Settings(BaseModel):
     virtual_seed: int = Field(1, ge=0)
     """Which pipe the virtual sewer draws."""
     crawler: CrawlerSettings = Field(default_factory=lambda: CrawlerSettings.model_validate({}))
+    autonomy: AutonomySettings = Field(default_factory=lambda: AutonomySettings.model_validate({}))
+    recording: RecordingSettings = Field(default_factory=lambda: RecordingSettings.model_validate({}))
     lamp: LampSettings = Field(default_factory=lambda: LampSettings.model_validate({}))
     machine: MachineSettings = Field(default_factory=lambda: MachineSettings.model_validate({}))
     virtual_description: Path | None = None

@@ -16,6 +16,8 @@ from typing import IO, Any
 
 from device import clouds
 from device.access import Access, pin_of
+from device.autonomy import Condition
+from device.autonomy_loop import Unattended, told
 from device.bus import Bus, Subscription
 from device.cameras import feeds as make_feeds
 from device.clock import Clock
@@ -30,6 +32,8 @@ from device.health_watch import HealthWatch
 from device.lamp import LampKeeper
 from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
+from device.recorder import Shelf
+from device.recorder.policy import MB, DiskPolicy
 from device.store import Store
 from device.store.surveys import QUESTIONS
 from device.surveys.diameter import DiameterSurvey
@@ -90,10 +94,18 @@ class Device:
             self._store.close()
             self._lock_file.close()
             raise
-        self._drive = LandmarkSurvey(self._store, self._bus, self._crawler)
+        self._shelf = Shelf(
+            settings.data_dir / "recordings",
+            _disk_policy(settings),
+            enabled=settings.recording.enabled,
+            part_bytes=settings.recording.part_mb * MB,
+            offset_ns=self._clock_offset_ns,
+            on_change=self._changed.set,
+        )
+        self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
         self._pool = pool or WorkerPool(settings.workers)
         self._live = LiveEstimates(self._feeds, self._pool, self._bus, settings.live_hz)
-        self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live)
+        self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live, self._shelf)
         self._lamp = None if self._crawler.lamp is None else self._make_lamp(self._crawler.lamp)
         self._health = HealthWatch(
             MachineReader(settings.machine),
@@ -108,10 +120,29 @@ class Device:
             feed.on_turn = self.turns.loop(f"watchdog of {feed.name}", 15.0)
         self._live.on_turn = self.turns.loop("live estimates", 30.0)
         self._survey.turns = self._drive.turns = self.turns
+        self._unattended = Unattended(
+            self._store,
+            self._clock,
+            self._crawler,
+            self._drive,
+            self._survey if self._feeds else None,
+            self._live,
+            self._condition,
+            lamp_rests=lambda: self._lamp is not None and bool(self._lamp.state()["resting"]),
+            enabled=settings.autonomy.enabled,
+            rules=settings.autonomy.made(),
+            frames=settings.frames,
+            turn=self.turns.loop("autonomy", 60.0),
+        )
+        self._started = False
         self._announcer = threading.Thread(target=self._announce, name="status", daemon=True)
 
     def start(self) -> Device:
         """Begin to read the cameras and to publish. Returns at once."""
+        last_time = self._store.journal.switched_on()
+        self._started = True
+        if last_time.unsafe:
+            log.warning("the box was not switched off the last time: its power was cut, or it was killed")
         unfinished = self._store.surveys.abandon_unfinished()
         if unfinished:
             log.warning("%d measurement(s) were cut off when the box last stopped and are gone", unfinished)
@@ -124,7 +155,9 @@ class Device:
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
         self._live.start()
+        threading.Thread(target=self._shelf.recover_all, name="recovery", daemon=True).start()
         self._health.start()
+        self._unattended.start(last_time)
         if self._lamp is not None:
             self._lamp.start()
         self._announcer.start()
@@ -135,15 +168,23 @@ class Device:
         self._stop.set()
         self._changed.set()
         self._bus.close()
+        self._unattended.close()
         self._drive.close()
         self._survey.close()
         self._live.close()
+        self._shelf.close()
         self._health.close()
         if self._lamp is not None:
             self._lamp.close()
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.close()
         self._pool.close()
+        if self._started:
+            self._started = False
+            try:
+                self._store.journal.switched_off()
+            except DeviceError as error:  # the next start counts an unsafe shutdown that was none: nothing worse
+                log.error("the journal could not be closed: %s", error)
         self._store.close()
         self._lock_file.close()
 
@@ -161,9 +202,11 @@ class Device:
             "cameras": [_camera_json(feed) for feed in self._feeds],
             "survey": self._survey.state(),
             "storage": {"free_mb": self._free_mb(), "notice": self._store.notice},
+            "recording": self._shelf.status(),
             "clock": {"source": self._clock.source},
             "prompts": self._health.prompts(),
             "lamp": None if self._lamp is None else self._lamp.state(),
+            "autonomy": self._unattended.state(),
             "workers_replaced": self._pool.replaced,
         }
 
@@ -177,6 +220,31 @@ class Device:
         """One line for the service manager."""
         feeds = [(feed.name, feed.status().state) for feed in (*self._feeds, *self._crawler.feeds)]
         return ", ".join(f"{name} {state}" for name, state in feeds) or "no sensors"
+
+    # While nobody looks
+
+    def unattended(self) -> dict[str, Any]:
+        """Logging by itself, and the journal: {"autonomy", "unsafe_shutdowns", "looked_at" (the last entry that somebody has
+        read), "news" (how many came since), "entries" newest last, each with its sentence}."""
+        journal = self._store.journal
+        looked_at, entries = journal.looked_at, told(journal.entries())
+        return {
+            "autonomy": self._unattended.state(),
+            "unsafe_shutdowns": journal.unsafe_shutdowns(),
+            "looked_at": looked_at,
+            "news": sum(entry["id"] > looked_at and entry["what"] not in ("on", "off") for entry in entries),
+            "entries": entries,
+        }
+
+    def look_at_journal(self, entry: int) -> None:
+        """Somebody has read the journal up to this entry."""
+        self._store.journal.look(entry)
+
+    def log_by_itself(self, on: bool) -> dict[str, Any]:
+        """Begin and end surveys by itself from now on, or not; the state of it."""
+        self._unattended.switch(on)
+        self._changed.set()
+        return self._unattended.state()
 
     def health(self) -> dict[str, Any]:
         """Everything about the box itself, and what the operator should know of it."""
@@ -399,6 +467,10 @@ class Device:
             raise Invalid("This box has no tether encoder: name one in its settings.")
         return self._crawler.tether
 
+    def _condition(self) -> Condition:
+        codes = {prompt["code"] for prompt in self._health.prompts()}
+        return Condition(self._free_mb() < self.settings.reserve_mb, "too_hot" in codes, "under_voltage" in codes)
+
     def _refuse_without_room(self) -> None:
         if self._free_mb() < self.settings.reserve_mb:
             raise StorageFull(f"Less than {self.settings.reserve_mb} MB are free: make room before you measure.")
@@ -407,7 +479,12 @@ class Device:
         """The browser offers its time; taken where the box has no better one. Raises Invalid."""
         if self._clock.offer(epoch_ms):
             self._store.surveys.date_this_boot()
+            self._store.journal.date_this_boot()
             self._changed.set()
+
+    def _clock_offset_ns(self) -> int:
+        epoch_ms = self._clock.epoch_ms()
+        return 0 if epoch_ms is None else epoch_ms * 1_000_000 - self._clock.monotonic_ns()
 
     def _free_mb(self) -> int:
         try:
@@ -433,6 +510,17 @@ def program_version() -> str:
         return version("borescout")
     except PackageNotFoundError:
         return "0 (not installed)"
+
+
+def _disk_policy(settings: Settings) -> DiskPolicy:
+    """Findings come first: raw data never takes the last of the room that a measurement is refused without."""
+    recording, least = settings.recording, settings.reserve_mb
+    return DiskPolicy(
+        keep_free=max(recording.keep_free_mb, least) * MB,
+        stop_free=max(recording.stop_free_mb, least) * MB,
+        findings_free=least * MB,
+        most_raw=None if recording.most_mb is None else recording.most_mb * MB,
+    )
 
 
 def _camera_json(feed: CameraFeed) -> dict[str, Any]:

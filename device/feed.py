@@ -16,7 +16,7 @@ from typing import Generic
 
 from device.reader import FeedState, FeedTiming, Reader
 from device.samples import DEPTH, TETHER, VIDEO, S, Sampling, Source
-from device.tap import Tap
+from device.tap import Relay, Tap
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
@@ -119,7 +119,14 @@ class Feed(Generic[S]):
 
     def tap(self, size: int) -> Tap[S]:
         """Every good sample from now on, through a queue of ``size`` in which the newest win. Close it after use."""
-        tap: Tap[S] = Tap(size, self._untap)
+        return self.attach(Tap(size, self.detach))
+
+    def follow(self, take: Callable[[S], object]) -> Tap[S]:
+        """Every good sample from now on, handed to ``take`` in the reader's thread. Close it after use."""
+        return self.attach(Relay(take, self.detach))
+
+    def attach(self, tap: Tap[S]) -> Tap[S]:
+        """Another kind of tap, made with ``detach`` as its ``on_close``."""
         with self._lock:
             self._taps.append(tap)
         self._woken.set()
@@ -209,7 +216,8 @@ class Feed(Generic[S]):
         log.log(level, "%s %s is %s%s", self._sampling.words.noun, self.name, state, f": {message}" if message else "")
         self._on_change()
 
-    def _untap(self, tap: Tap[S]) -> None:
+    def detach(self, tap: Tap[S]) -> None:
+        """A tap that was closed."""
         with self._lock:
             if tap in self._taps:
                 self._taps.remove(tap)

@@ -15,7 +15,7 @@ from device.config import load_settings
 from device.daemon import Device
 from device.errors import Invalid
 from device.json_text import dumps
-from device.surveys.diameter import no_picture
+from device.surveys.diameter_judging import no_picture
 from device.surveys.diameter_result import (
     SINGLE_FRAME_RESAMPLES,
     PipeContext,

@@ -115,6 +115,11 @@ PROMPTS = {
             "The hotspot of the box is silent and is being restarted.",
             "Wait a minute; the box goes on measuring meanwhile.",
         ),
+        Prompt(
+            "not_recorded",
+            "The raw data of this survey is no longer recorded; findings still are.",
+            "Go on; free some space, or see to the disk, before the next one.",
+        ),
         Prompt("storage_full", "The disk is full: the map is no longer saved.", "End the drive, then free some space."),
     )
 }

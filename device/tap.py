@@ -55,3 +55,16 @@ class Tap(Generic[S]):
             self._samples.clear()
             self._condition.notify_all()
         self._on_close(self)
+
+
+class Relay(Tap[S]):
+    """Hands each sample on as it comes, in the thread that brings it: ``take`` must return at once."""
+
+    def __init__(self, take: Callable[[S], object], on_close: Callable[[Tap[S]], None]) -> None:
+        super().__init__(1, on_close)
+        self._take = take
+
+    def offer(self, sample: S) -> None:
+        """Called by the feed."""
+        if not self._closed:
+            self._take(sample)

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from device.durable import make_folder
 from device.recorder.names import Name
 from device.recorder.policy import LOW_DISK, MB
 from device.recorder.reader import HEAD_TOPIC
@@ -104,7 +105,7 @@ class Recorder:
         self._files: list[str] = []
         self._state: State = "off"
         self._message = ""
-        self._closing = self._discard = False
+        self._closing = self._discard = self._lost = False
         self._log: LogWriter | None = None
         self._thread = threading.Thread(target=self._run, name=f"recorder of survey {name.survey}", daemon=True)
 
@@ -117,9 +118,9 @@ class Recorder:
                 self.write(HEAD_TOPIC, dict(self.head))
                 self._thread.start()
             else:
-                self._message = LOW_DISK
+                self._lost, self._message = True, LOW_DISK
         except OSError as error:
-            self._message = _sentence(error)
+            self._lost, self._message = True, _sentence(error)
             log.error("survey %d is not recorded: %s", self.name.survey, error)
         self._on_change()
         return self
@@ -133,6 +134,11 @@ class Recorder:
     def recording(self) -> bool:
         """Whether what is written still goes anywhere."""
         return self._state == "recording"
+
+    @property
+    def lost(self) -> bool:
+        """Whether somebody should be told that nothing is recorded: it was not turned off on purpose."""
+        return self._lost
 
     def write(self, topic: str, sample: Sample) -> bool:
         """Hand over a sample; False where it is not recorded: the queue is full, or nothing is recorded any more."""
@@ -242,7 +248,7 @@ class Recorder:
             self._begin_part(Name(self.name.survey, self.name.take, self.name.part + len(self._files)))
 
     def _begin_part(self, name: Name) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         self._log = LogWriter(self.folder / str(name), self.head, time.monotonic_ns() + self._offset_ns)
         self._files.append(str(name))
 
@@ -267,6 +273,7 @@ class Recorder:
     def _become(self, state: State, message: str) -> None:
         with self._condition:
             self._state, self._message = state, message
+            self._lost = state == "stopped"
             self._dropped += len(self._queue)
             self._queue.clear()
             self._waiting_bytes = 0

@@ -16,10 +16,11 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from device.durable import sync_folder
 from device.recorder.reader import Definitions, definitions
 from device.recorder.scan import Attachment, Damage, End, Message, Metadata, Whole, scan
 from device.recorder.schemas import Schema
-from device.recorder.writer import DEFINITIONS, PROFILE, Channels, definitions_of, new_writer, sync_folder
+from device.recorder.writer import DEFINITIONS, PROFILE, Channels, definitions_of, new_writer
 
 RECOVERED = "borescout.recovered"
 _TEMPORARY = ".recovering"

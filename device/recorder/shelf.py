@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from device.durable import make_folder, sync_folder
 from device.recorder.names import Name, name_of, recordings_in
 from device.recorder.policy import DiskPolicy, Stored, decide
 from device.recorder.recorder import PART_BYTES, Recorder
 from device.recorder.recovery import CannotRecover, Report, in_use, recover, remove_leftovers
 from device.recorder.scan import ends_well
-from device.recorder.writer import sync_folder
 
 log = logging.getLogger(__name__)
 
@@ -22,7 +22,8 @@ TURNED_OFF = "Recording is turned off in the settings."
 
 
 class Shelf:
-    """The folder of recordings. ``policy`` says how much of the disk they may have; ``free`` tells how much is left."""
+    """The folder of recordings. ``policy`` says how much of the disk they may have; ``free`` tells how much is left,
+    ``offset_ns`` what to add to the monotonic clock for the date."""
 
     def __init__(
         self,
@@ -32,6 +33,7 @@ class Shelf:
         enabled: bool = True,
         part_bytes: int = PART_BYTES,
         free: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        offset_ns: Callable[[], int] = lambda: 0,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self.folder = folder
@@ -39,20 +41,21 @@ class Shelf:
         self._enabled = enabled
         self._part_bytes = part_bytes
         self._free = free
+        self._offset_ns = offset_ns
         self._on_change = on_change
         self._lock = threading.Lock()
         self._under_way: list[Recorder] = []
         self._pruned = 0
         self._reports: list[Report] = []
 
-    def begin(self, survey: int, head: Mapping[str, object], offset_ns: int = 0) -> Recorder:
+    def begin(self, survey: int, head: Mapping[str, object]) -> Recorder:
         """A recorder for a survey, begun. Where nothing can be recorded it is off and says why; it never raises for that."""
         takes = [name.take for path in recordings_in(self.folder) if (name := name_of(path)) and name.survey == survey]
         recorder = Recorder(
             self.folder,
             Name(survey, 1 + max(takes, default=0), 1),
             {"survey_id": survey, **head},
-            offset_ns=offset_ns,
+            offset_ns=self._offset_ns(),
             part_bytes=self._part_bytes,
             may_go_on=self.make_room,
             on_change=self._on_change,
@@ -63,7 +66,7 @@ class Shelf:
 
     def make_room(self) -> bool:
         """Remove the oldest recordings where the policy asks for it; whether recording may go on. Raises OSError."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         stored = [Stored(path, path.stat().st_size) for path in recordings_in(self.folder)]
         wanted = decide(self._free(self.folder), stored, self._policy)
         if not wanted.remove:

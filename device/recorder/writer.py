@@ -14,6 +14,7 @@ from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
+from device.durable import sync_folder
 from device.json_text import dumps
 from device.recorder.schemas import Message, Schema
 
@@ -179,12 +180,3 @@ def definitions_of(known: Mapping[str, Schema]) -> bytes:
         channels.number(topic, schema)
     writer.finish()
     return buffer.getvalue()
-
-
-def sync_folder(folder: Path) -> None:
-    """Return once names made, changed or removed in ``folder`` are on the disk."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from functools import partial
 from typing import Any
 
 from device.bus import Bus
@@ -11,15 +12,18 @@ from device.clouds import cloud_json
 from device.errors import EstimateFailed
 from device.feed import CameraFeed
 from device.pictures import frame_jpeg
-from device.prompts import PROMPTS
+from device.recorder import Shelf
+from device.recorder.samples import Words, as_recorded
+from device.recorder.schemas import topic_name
+from device.recorder.versions import versions
 from device.store import NewRecording, Store
-from device.surveys.base import Job, Outcome, Survey
-from device.surveys.diameter_result import PipeContext, Result, choose, diameter_result
+from device.surveys.base import Cancelled, Job, Outcome, Survey
+from device.surveys.diameter_judging import Ended, conclude, judge, nothing_seen
+from device.surveys.diameter_result import Result
 from device.surveys.live import LiveEstimates
 from device.surveys.recording import Recording
+from device.surveys.topics import ENDED, FINDINGS, PROMPTED
 from device.workers import WorkerPool
-from drivers.depth.base import STEREO_SCALE_STD
-from estimators.picture import picture_quality
 
 log = logging.getLogger(__name__)
 
@@ -32,29 +36,68 @@ class DiameterSurvey(Survey):
 
     kind = "diameter"
 
-    def __init__(self, store: Store, bus: Bus, feeds: list[CameraFeed], pool: WorkerPool, live: LiveEstimates) -> None:
+    def __init__(
+        self, store: Store, bus: Bus, feeds: list[CameraFeed], pool: WorkerPool, live: LiveEstimates, shelf: Shelf
+    ) -> None:
         super().__init__(store, bus)
+        self._shelf = shelf
         self._feeds = feeds
         self._pool = pool
         self._live = live
 
     def _measure(self, job: Job) -> Outcome:
         self._live.pause(True)
-        recordings = [Recording(feed, self._pool, job.frames, self._live.add) for feed in self._feeds]
+        recorder = self._shelf.begin(job.survey_id, self._head(job))
+        followers = [feed.follow(partial(recorder.write, topic_name("camera", feed.name))) for feed in self._feeds]
+        recordings = [Recording(feed, self._pool, job.frames, self._live.add, recorder.write) for feed in self._feeds]
+        wanted = True
         try:
             self._progress(job, "measuring", 0)
             self._collect(job, recordings)
+            for follower in followers:
+                follower.close()
             complete = [recording for recording in recordings if not recording.lost]
-            if not complete:
-                return self._no_picture(job, recordings)
-            done = self._state["frames_done"]
-            self._progress(job, "computing", done)
-            self._wait_for_estimates(complete)
-            return self._conclude(job, recordings)
+            ended = [Ended(recording.feed.name, recording.lost, recording.feed.blind) for recording in recordings]
+            recorder.write(ENDED, {"cameras": [vars(one) for one in ended]})
+            if complete:
+                done = self._state["frames_done"]
+                self._progress(job, "computing", done)
+                self._wait_for_estimates(complete)
+                outcome, findings = self._conclude(job, complete, ended)
+            else:
+                outcome, findings = self._no_picture(job, ended)
+            for prompt in outcome.conclusion["prompts"]:
+                recorder.write(PROMPTED, Words(prompt["code"], f"{prompt['reason']} {prompt['remedy']}"))
+            recorder.write(FINDINGS, findings)
+            return outcome
+        except Cancelled:
+            wanted = False
+            raise
         finally:
+            for follower in followers:
+                follower.close()
             for recording in recordings:
                 recording.cancel()
+            recorder.close(discard=not wanted, wait_s=0.0)
             self._live.pause(False)
+
+    def _head(self, job: Job) -> dict[str, Any]:
+        """What a replay has to know."""
+        return {
+            "kind": self.kind,
+            "versions": versions(),
+            "pipe": job.pipe,
+            "position": job.position,
+            "frames": job.frames,
+            "earlier": self._earlier(job),
+            "cameras": [feed.name for feed in self._feeds],
+        }
+
+    def _earlier(self, job: Job) -> list[Result]:
+        """The results of this survey's earlier positions."""
+        if not job.continues:
+            return []
+        return [recording["result"] for recording in self._store.surveys.get(job.survey_id)["recordings"]]
 
     def _collect(self, job: Job, recordings: list[Recording]) -> None:
         told = 0
@@ -75,33 +118,19 @@ class DiameterSurvey(Survey):
                 raise EstimateFailed("The box could not compute the result in time: measure again.")
             time.sleep(_TICK_S / 10)
 
-    def _conclude(self, job: Job, recordings: list[Recording]) -> Outcome:
-        found = [self._judge(job, recording) for recording in recordings if not recording.lost]
+    def _conclude(self, job: Job, recordings: list[Recording], ended: list[Ended]) -> tuple[Outcome, dict[str, Any]]:
+        found = [self._judge(job, recording) for recording in recordings]
         results = [recording.result for recording in found]
-        if job.continues:
-            results += [recording["result"] for recording in self._store.surveys.get(job.survey_id)["recordings"]]
-        conclusion = choose(results)
-        gone = [recording.feed.name for recording in recordings if recording.lost]
-        if gone:
-            text = f"The camera {' and '.join(gone)} was lost and has no part in this result."
-            conclusion = {**conclusion, "warnings": [*conclusion["warnings"], {"code": "camera_lost", "text": text}]}
+        conclusion = conclude(results, self._earlier(job), ended)
         self._check_cancelled()
         self._store.surveys.conclude(job.survey_id, "saved", found, conclusion)
-        return Outcome("saved", "", conclusion)
+        return Outcome("saved", "", conclusion), {"state": "saved", "results": results, "conclusion": conclusion}
 
     def _judge(self, job: Job, recording: Recording) -> NewRecording:
-        pipe = job.pipe or {}
-        kept = recording.kept
-        context = PipeContext(
-            material=pipe.get("material"),
-            reference_dn=pipe.get("reference_dn"),
-            position=job.position,
-            ask_second_position=True,
-            scale_std=STEREO_SCALE_STD if kept is None else kept[0].scale_std,
-        )
-        color = None if kept is None else kept[0].color
-        result = diameter_result(recording.estimates, context, None if color is None else picture_quality(color))
-        settings: dict[str, Any] = {"frames_wanted": job.frames, "estimates_failed": recording.failed}
+        take = recording.take
+        kept = None if take.kept is None else (as_recorded(take.kept[0]), take.kept[1])
+        result = judge(recording.feed.name, take, None if kept is None else kept[0], job.pipe, job.position)
+        settings: dict[str, Any] = {"frames_wanted": job.frames, "estimates_failed": take.failed}
         if kept is not None:
             settings |= {
                 "source": kept[0].source,
@@ -112,27 +141,19 @@ class DiameterSurvey(Survey):
         return NewRecording(
             camera=recording.feed.name,
             position=job.position,
-            frames=len(recording.estimates),
-            result={**result, "camera": recording.feed.name},
+            frames=len(take.estimates),
+            result=result,
             cloud=None if kept is None else cloud_json(*kept),
             settings=settings,
             picture_color=None if kept is None else frame_jpeg("color", kept[0]),
             picture_depth=None if kept is None else frame_jpeg("depth", kept[0]),
         )
 
-    def _no_picture(self, job: Job, recordings: list[Recording]) -> Outcome:
+    def _no_picture(self, job: Job, ended: list[Ended]) -> tuple[Outcome, dict[str, Any]]:
         """A measurement without a picture is a finding too: it says why. In a second position the first one stays as it was."""
-        blind = bool(recordings) and all(recording.feed.blind for recording in recordings)
-        lost = no_picture("few_points" if blind else "camera_lost", job.position, recordings[0].feed.name if recordings else "")
-        message = lost["prompts"][0]["reason"]
+        lost = nothing_seen(ended, job.position)
         if job.continues:
             self._store.surveys.abandon(job.survey_id)
         else:
             self._store.surveys.conclude(job.survey_id, "failed", [], lost)
-        return Outcome("failed", message, lost)
-
-
-def no_picture(code: str, position: str | None, camera: str) -> Result:
-    """The RESULT of a recording that never came to be, for the reason ``code``."""
-    nothing = diameter_result([], PipeContext(position=position))
-    return {**nothing, "verdict": "retry", "reasons": [code], "prompts": [PROMPTS[code].to_json()], "camera": camera}
+        return Outcome("failed", lost["prompts"][0]["reason"], lost), {"state": "failed", "results": [], "conclusion": lost}

@@ -1,7 +1,8 @@
 """One drive from pictures and positions to a map: the one way that the live survey and ``borescout map`` both go.
 
 picture -> flow, focus of expansion, joints -> view -> detector -> mapper        (each picture)
-sightings, joints, tether -> smoother -> map                                    (at the end)
+all detections, the mapper's landmarks -> refined landmarks                      (at the end)
+their sightings, joints, tether -> smoother -> map                               (then)
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from device.surveys.looking import Look, Looking
 from drivers.grabber.base import VideoFrame
 from estimators.landmarks.mapper import Mapper, MapperConfig
 from estimators.landmarks.projection import PipeCamera, View
+from estimators.landmarks.refine import Refined, refine, same_ids
 from estimators.landmarks.smoothing import Known
 from estimators.landmarks.types import Evidence, Landmark, Observation
 from estimators.odometry import Position
@@ -35,6 +37,8 @@ _USUAL_DIAGONAL = math.hypot(720, 576)
 MIN_THUMBNAIL, MAX_THUMBNAIL = 64, 240
 SURE_SHARE = 0.05
 """Landmarks are mapped once the joints tell f * R to this share."""
+MOST_REFINED = 20_000
+"""Of a longer drive only some of the pictures are looked at again, evenly."""
 CALIBRATED_SHARE = 0.01
 """Standard deviation, as a share, of an f * R that comes from a stated focal length and a nominal radius."""
 
@@ -96,6 +100,7 @@ class Step:
     view: View | None
     look: Look
     prompts: tuple[str, ...] = ()
+    seen: Observation | None = None
 
 
 @dataclass
@@ -120,6 +125,7 @@ class LandmarkPipeline:
         self._detector = detector
         self._looking = Looking(setup.centre, setup.known_rings, seed, setup.sparse)
         self._mapper: Mapper | None = None
+        self._refined: Refined | None = None
         self._camera: PipeCamera | None = None
         self._mapped = 0
         """How many of ``_seen`` the mapper has had: none before f * R is known."""
@@ -150,8 +156,8 @@ class LandmarkPipeline:
         if "slip" in look.codes or "image_stands" in look.codes:
             self._suspected.append(frame.time_s)
         self._low, self._high = min(self._low, position.chainage), max(self._high, position.chainage)
-        self._log.append(_entry(seen))
-        return Step(frame.time_s, frame.number, position, view, look, look.codes)
+        self._log.append(log_entry(seen))
+        return Step(frame.time_s, frame.number, position, view, look, look.codes, seen)
 
     @property
     def placed(self) -> int:
@@ -159,7 +165,9 @@ class LandmarkPipeline:
         return len(self._seen)
 
     def landmarks(self, candidates: bool = False) -> list[Landmark]:
-        """The map so far, along the pipe, without its sightings."""
+        """The map so far, along the pipe; while the drive goes on without its sightings."""
+        if self._refined is not None:
+            return self._refined.landmarks
         return [] if self._mapper is None else self._mapper.landmarks(candidates, with_sightings=False)
 
     def thumbnail(self, landmark: int) -> tuple[int, Callable[[], bytes]] | None:
@@ -167,9 +175,9 @@ class LandmarkPipeline:
         cut = self._cuts.get(landmark)
         return None if cut is None else (cut.frame, cut.jpeg)
 
-    def joints(self) -> list[dict[str, Any]]:
-        """The pipe joints so far: {"chainage_m", "sightings"}."""
-        return self._looking.joints()
+    def joints(self, last: bool = False) -> list[dict[str, Any]]:
+        """The pipe joints so far: {"chainage_m", "sightings"}. ``last``: from every ring, however few are new."""
+        return self._looking.joints(last)
 
     def focal_radius(self) -> dict[str, float] | None:
         """sqrt(fx fy) R (px m): {"value", "sigma"}, None where nothing tells it yet."""
@@ -181,7 +189,7 @@ class LandmarkPipeline:
         return (None, None) if self._low > self._high else (round(self._low, 3), round(self._high, 3))
 
     def log_entries(self) -> list[Any]:
-        """What is to be kept so that the drive can be mapped again, see ``_entry``; what was not kept yet."""
+        """What is to be kept so that the drive can be mapped again, see ``log_entry``; what was not kept yet."""
         return list(self._log)
 
     def log_was_kept(self, count: int) -> None:
@@ -199,10 +207,19 @@ class LandmarkPipeline:
         return Scene(self._camera, step.view, marks, step.look.ellipses)
 
     def finish(self) -> None:
-        """The drive is over: what was only suspected is dropped."""
+        """The drive is over: what was only suspected is dropped, and every landmark looked for once more in all pictures. Those
+        that go on keep their ids; the mapper's doubles are gone."""
         self._looking.solve(last=True)
-        if self._mapper is not None:
-            self._mapper.finish()
+        if self._mapper is None or self._refined is not None:
+            return
+        self._mapper.finish()
+        found = self._mapper.landmarks(with_sightings=True)
+        if found:
+            seen = self._seen[:: math.ceil(len(self._seen) / MOST_REFINED)]
+            config = self._mapper.config
+            names = dict.fromkeys([*config.classes, *(one.label for look in seen for one in look.detections or ())])
+            refined = refine(self._mapper.camera, seen, found, config, list(names))
+            self._refined = replace(refined, landmarks=same_ids(refined.landmarks, found))
 
     def paused(self) -> None:
         """The next picture does not follow the last one."""
@@ -212,8 +229,9 @@ class LandmarkPipeline:
         """The map smoothed over the whole drive, ``length`` (m) from its first picture to its last where it is known. None
         where there is nothing to smooth."""
         camera = self._camera or self.setup.camera(*self._size, *self._found()) or PipeCamera(*_ANY_FOCAL, 1.0, *self._size)
-        landmarks = [] if self._mapper is None else self._mapper.landmarks(with_sightings=True)
-        pixel_std = mapper_config(camera).pixel_std if self.setup.mapper is None else self.setup.mapper.pixel_std
+        self.finish()
+        landmarks = [] if self._refined is None else self._refined.landmarks
+        pixel_std = mapper_config(camera).pixel_std if self._refined is None else self._refined.pixel_std
         return smooth_drive(
             self._seen,
             landmarks,
@@ -272,7 +290,7 @@ def cut_out(image: Image, evidence: Evidence) -> Image:
     return image[top : top + side, left : left + side].copy()
 
 
-def _entry(seen: Observation) -> list[Any]:
+def log_entry(seen: Observation) -> list[Any]:
     """[frame, time_s, position, its std, centre u, v, its std, axis right, down, detections]; a detection is
     [u, v, class, score, area], and there are none (null) where the detector did not look."""
     view = seen.view

@@ -20,11 +20,15 @@ from device.landmark_overlay import draw
 from device.notify import Turns
 from device.pictures import encode_jpeg
 from device.prompts import PROMPTS
+from device.recorder import Shelf
 from device.store import Kept, KeptLandmark, Store
 from device.store.drives import with_words
 from device.surveys.drive_faults import FaultWatch
-from device.surveys.landmark_json import landmark_json, marked_json
+from device.surveys.drive_findings import DriveFindings, filtered_rows, findings, next_number, numbered_rows
+from device.surveys.drive_log import DriveLog, head
+from device.surveys.landmark_json import marked_json
 from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup, Step
+from device.surveys.landmark_smoothing import Mapped
 from device.surveys.placing import Placing
 from device.tap import Tap
 from drivers.encoder.base import Reading
@@ -54,6 +58,7 @@ class _Drive:
     pipeline: LandmarkPipeline
     placing: Placing
     faults: FaultWatch
+    log: DriveLog
     begun: float
     state: str = "driving"
     progress: float | None = None
@@ -83,8 +88,9 @@ class LandmarkSurvey:
 
     kind = "landmarks"
 
-    def __init__(self, store: Store, bus: Bus, crawler: Crawler) -> None:
+    def __init__(self, store: Store, bus: Bus, crawler: Crawler, shelf: Shelf) -> None:
         self._store = store
+        self._shelf = shelf
         self._bus = bus
         self._crawler = crawler
         self._lock = threading.RLock()
@@ -159,8 +165,15 @@ class LandmarkSurvey:
             raise Invalid("This box has no tether encoder: name one in its settings.")
         return found
 
-    def start(self, pipe: dict[str, Any] | None, direction: str, radius_m: float | None, start_chainage_m: float | None) -> int:
-        """Begin a drive; its survey's number. Raises Busy, Invalid, StorageFull."""
+    def start(
+        self,
+        pipe: dict[str, Any] | None,
+        direction: str,
+        radius_m: float | None,
+        start_chainage_m: float | None,
+        more: dict[str, Any] | None = None,
+    ) -> int:
+        """Begin a drive; its survey's number. ``more`` is kept with its settings. Raises Busy, Invalid, StorageFull."""
         crawler = self._crawler
         with self._lock:
             if self._drive is not None:
@@ -185,12 +198,17 @@ class LandmarkSurvey:
                 "start_chainage_m": start_chainage_m or 0.0,
                 "encoder": self._encoder_json(),
                 "grabber": crawler.grabber.name,
+                **(more or {}),
             }
             number = self._store.drives.begin(pipe_id, settings)
             reader = None if crawler.reader is None else crawler.reader()
-            placing = Placing(None if crawler.tether is None else crawler.tether.calibration, reader)
-            pipeline = LandmarkPipeline(setup, crawler.detector(), seed=number)
-            self._drive = _Drive(number, pipe_id, direction, radius_m, pipeline, placing, FaultWatch(), time.monotonic())
+            calibration = None if crawler.tether is None else crawler.tether.calibration
+            detector = crawler.detector()
+            drive_log = DriveLog(self._shelf.begin(number, head(setup, calibration, detector, number, settings)))
+            placing = Placing(calibration, reader, drive_log.reading)
+            pipeline = LandmarkPipeline(setup, detector, seed=number)
+            now = time.monotonic()
+            self._drive = _Drive(number, pipe_id, direction, radius_m, pipeline, placing, FaultWatch(), drive_log, now)
             self._thread = threading.Thread(target=self._run, args=(self._drive,), name=f"drive {number}", daemon=True)
             self._thread.start()
         log.info("drive %d: begins, %s", number, direction)
@@ -226,10 +244,11 @@ class LandmarkSurvey:
             where = drive.placing.now()
             if where is None:
                 raise Invalid("Nobody knows where the crawler is: the tether encoder is silent.")
-            number = self._next_number(drive)
+            number = next_number(drive.numbers, drive.marks)
             row = marked_json(number, label, where.chainage, where.std, clock)
             self._store.drives.keep(drive.survey_id, Kept(landmarks=[KeptLandmark(number, row)]))
             drive.marks[number] = (where.time_s, row)
+            drive.log.marked(number, where.time_s, row)
             drive.kept[number] = row
         if note:
             return self.say(drive.survey_id, number, {"note": note}, "")
@@ -297,15 +316,18 @@ class LandmarkSurvey:
 
     def _run(self, drive: _Drive) -> None:
         message = ""
+        found: DriveFindings | None = None
         try:
             self._go(drive)
+            drive.log.ended(drive.state, drive.length_m)
             if drive.cancelled:
                 self._store.drives.forget(drive.survey_id)
                 message = "The drive was cancelled."
             elif drive.state == "closing":
                 self._keep(drive, "interrupted")
+                found = self._findings(drive, "interrupted", None)
             else:
-                self._finish(drive)
+                found = self._finish(drive)
         except DeviceError as error:
             message = str(error)
             log.error("drive %d: %s", drive.survey_id, error)
@@ -313,6 +335,7 @@ class LandmarkSurvey:
             log.exception("drive %d failed in an unexpected way", drive.survey_id)
             message = _UNEXPECTED
             self._save_what_is_there(drive)
+        drive.log.close(None if found is None else found.to_json(), wanted=not drive.cancelled)
         with self._lock:
             self._drive = None
         log.info("drive %d: over%s", drive.survey_id, f", {message}" if message else "")
@@ -321,7 +344,7 @@ class LandmarkSurvey:
     def _go(self, drive: _Drive) -> None:
         grabber, tether = self._crawler.grabber, self._crawler.tether
         assert grabber is not None  # start() saw to it
-        frames = grabber.tap(_FRAMES_WAITING)
+        frames = drive.log.frames(grabber, _FRAMES_WAITING)
         readings = None if tether is None else tether.feed.tap(_READINGS_WAITING)
         keep_due = tell_due = time.monotonic()
         dropped_before = grabber.status().drops
@@ -357,8 +380,12 @@ class LandmarkSurvey:
         drive.placing.see(frame)
         if drive.state == "paused":
             drive.pipeline.paused()
+            drive.log.step(frame, 0, None)
             return
-        drive.shown = (frame, drive.pipeline.step(frame, drive.placing.at(frame.time_s)))
+        position, readings = drive.placing.find(frame.time_s)
+        step = drive.pipeline.step(frame, position)
+        drive.log.step(frame, readings, step)
+        drive.shown = (frame, step)
 
     def _watch(self, drive: _Drive) -> None:
         grabber, tether = self._crawler.grabber, self._crawler.tether
@@ -378,6 +405,8 @@ class LandmarkSurvey:
         codes: list[str] = []
         if drive.full:
             codes.append("storage_full")
+        if drive.log.recorder.lost:
+            codes.append("not_recorded")
         if grabber is not None and grabber.status().state != "up":
             codes.append("signal_lost")
         if drive.placing.silent(time.monotonic()):
@@ -388,16 +417,9 @@ class LandmarkSurvey:
 
     def _rows(self, drive: _Drive) -> list[dict[str, Any]]:
         """Every landmark of this moment, candidates too, each under its number."""
-        rows = []
-        for landmark in drive.pipeline.landmarks(candidates=True):
-            if landmark.id not in drive.numbers:
-                drive.numbers[landmark.id] = self._next_number(drive)
-            rows.append(landmark_json(drive.numbers[landmark.id], landmark))
-        return [*rows, *(row for _, row in drive.marks.values())]
-
-    @staticmethod
-    def _next_number(drive: _Drive) -> int:
-        return 1 + max([*drive.numbers.values(), *drive.marks], default=0)
+        rows = numbered_rows(drive.pipeline, drive.numbers, drive.marks)
+        drive.log.numbered(drive.numbers)
+        return rows
 
     def _tell(self, drive: _Drive) -> None:
         with self._lock:
@@ -409,6 +431,7 @@ class LandmarkSurvey:
             gone = [number for number in drive.told if number not in rows]
             drive.told = rows
             faults = drive.faults.untold()
+            drive.log.prompts([PROMPTS[code].to_json() for code in self._codes(drive)])
         self._bus.publish("drive", {**self.state(), "landmarks": changed, "gone": gone, "faults": faults})
 
     def _keep_if_possible(self, drive: _Drive) -> None:
@@ -423,7 +446,8 @@ class LandmarkSurvey:
     def _keep(self, drive: _Drive, state: str | None = None) -> None:
         """Make durable what has come since the last time. Raises StorageFull, and then nothing counts as kept."""
         with self._lock:
-            rows = {row["id"]: row for row in self._rows(drive) if row["status"] != "candidate"}
+            rows = filtered_rows(drive.pipeline, drive.numbers, drive.marks)
+            drive.log.numbered(drive.numbers)
             pictures = {
                 number: (key, data)
                 for key_id, number in drive.numbers.items()
@@ -460,7 +484,7 @@ class LandmarkSurvey:
             "length_m": drive.length_m,
         }
 
-    def _finish(self, drive: _Drive) -> None:
+    def _finish(self, drive: _Drive) -> DriveFindings | None:
         """What the filter has found is made durable first; smoothing can then only add."""
         drive.pipeline.finish()
         self._keep(drive)
@@ -475,21 +499,21 @@ class LandmarkSurvey:
         progress(0.9)
         if drive.cancelled:
             self._store.drives.forget(drive.survey_id)
-            return
+            return None
+        found = self._findings(drive, "saved", smoothed)
         if smoothed is None:
             self._store.drives.keep(drive.survey_id, Kept(), "saved")
-            return
-        rows = {drive.numbers[found.id]: landmark_json(drive.numbers[found.id], found) for found in smoothed.landmarks}
-        for number, (moment, row) in drive.marks.items():
-            shift = smoothed.shift(moment)
-            moved = {key: round(row[key] + shift, 3) for key in ("chainage_m", "chainage_to_m")}
-            rows[number] = {**row, **moved}
-        filtered = {number: row["chainage_m"] for number, row in drive.kept.items()}
-        landmarks = [KeptLandmark(number, {**row, "filtered_chainage_m": filtered.get(number)}) for number, row in rows.items()]
-        summary = {**self._summary(drive, drive.kept), **smoothed.summary, "smoothed": True, "landmarks": len(rows)}
-        gone = [number for number in drive.kept if number not in rows and number not in drive.words]
-        rings = smoothed.joints or None
-        self._store.drives.keep(drive.survey_id, Kept(landmarks, gone, rings, smoothed.slips, (), summary), "saved")
+            return found
+        landmarks = [KeptLandmark(number, row) for number, row in found.rows.items()]
+        summary = {**self._summary(drive, drive.kept), **found.summary, "landmarks": len(found.rows)}
+        gone = [number for number in drive.kept if number not in found.rows and number not in drive.words]
+        self._store.drives.keep(drive.survey_id, Kept(landmarks, gone, found.rings, found.slips, (), summary), "saved")
+        return found
+
+    def _findings(self, drive: _Drive, state: str, smoothed: Mapped | None) -> DriveFindings:
+        with self._lock:
+            filtered = filtered_rows(drive.pipeline, drive.numbers, drive.marks)
+            return findings(drive.pipeline, state, filtered, drive.numbers, drive.marks, smoothed)
 
     def _save_what_is_there(self, drive: _Drive) -> None:
         try:

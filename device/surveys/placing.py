@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.base import DriverError
@@ -33,13 +34,20 @@ class Whereabouts:
 
 class Placing:
     """Readings in, positions out. ``calibration`` of the tether; or ``reader``, which is fed with the pictures themselves and
-    read in a thread of its own, since reading text takes longer than a picture lasts."""
+    read in a thread of its own, since reading text takes longer than a picture lasts. ``heard`` is told of each reading."""
 
-    def __init__(self, calibration: Calibration | None, reader: Encoder | None = None) -> None:
+    def __init__(
+        self,
+        calibration: Calibration | None,
+        reader: Encoder | None = None,
+        heard: Callable[[Reading], object] = lambda reading: None,
+    ) -> None:
         self._calibration = calibration or _BURNED_IN
         self._odometer: Odometer | None = None
         self._newest_s = 0.0
         self._heard = time.monotonic()
+        self._tell = heard
+        self._readings = 0
         self._lock = threading.Lock()
         self._osd = reader if isinstance(reader, OsdEncoder) else None
         self._stop = threading.Event()
@@ -57,6 +65,8 @@ class Placing:
             self._odometer.add(reading.time_s, self._calibration.metres(reading))
             self._newest_s = max(self._newest_s, reading.time_s)
             self._heard = time.monotonic()
+            self._readings += 1
+            self._tell(reading)
 
     def see(self, frame: VideoFrame) -> None:
         """A picture, for the distance burned into it. Returns at once."""
@@ -65,10 +75,14 @@ class Placing:
 
     def at(self, time_s: float) -> Position | None:
         """Where the crawler was at ``time_s``; None where no reading is near enough."""
+        return self.find(time_s)[0]
+
+    def find(self, time_s: float) -> tuple[Position | None, int]:
+        """The same, and after how many readings that is said."""
         with self._lock:
             if self._odometer is None or time_s - self._newest_s > GAP_S:
-                return None
-            return self._odometer.at(time_s)
+                return None, self._readings
+            return self._odometer.at(time_s), self._readings
 
     def now(self) -> Whereabouts | None:
         """Where the crawler was at the newest reading; None before the first one."""

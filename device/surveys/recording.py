@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import logging
-import statistics
 import threading
 import time
 import zlib
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
+from typing import Any
 
 import numpy as np
 
 from device.errors import DeviceError
 from device.feed import CameraFeed
 from device.surveys.diameter_result import SINGLE_FRAME_RESAMPLES
+from device.surveys.take import Take
+from device.surveys.topics import ESTIMATES, FRAMES
 from device.workers import WorkerPool
 from drivers.depth.base import DepthFrame
 from estimators.frame import FrameEstimate
@@ -34,7 +36,7 @@ class Recording:
     """Takes ``frames`` pictures of ``feed`` in a thread of its own.
 
     A played-back recording is what its pictures are: the same one again adds nothing to what is known and is counted, not
-    estimated; and where the next recording begins, this one ends.
+    estimated; and where the next recording begins, this one ends. ``note`` takes what a replay has to know.
     """
 
     def __init__(
@@ -43,20 +45,19 @@ class Recording:
         pool: WorkerPool,
         frames: int,
         on_estimate: Callable[[CameraFeed, DepthFrame, FrameEstimate], None],
+        note: Callable[[str, dict[str, Any]], object] = lambda topic, told: None,
     ) -> None:
         self.feed = feed
         self.done = 0
         """Frames taken so far."""
-        self.failed = 0
-        """Frames whose estimate did not come back."""
         self.lost = False
         """The camera was lost before there was enough."""
-        self.kept: tuple[DepthFrame, FrameEstimate] | None = None
-        """The picture nearest to the median diameter so far, for the cloud and the colour picture."""
+        self.take = Take()
+        """What has come back from the workers."""
+        self._note = note
         self._pool = pool
         self._wanted = frames
         self._on_estimate = on_estimate
-        self._estimates: dict[int, FrameEstimate] = {}
         self._pending: set[Future[FrameEstimate]] = set()
         self._submitted = 0
         self._change = threading.Condition()
@@ -65,12 +66,6 @@ class Recording:
         self._source_folder: str | None = None
         self.thread = threading.Thread(target=self._run, name=f"recording of {feed.name}", daemon=True)
         self.thread.start()
-
-    @property
-    def estimates(self) -> list[FrameEstimate]:
-        """What came back, in the order the frames were taken."""
-        with self._change:
-            return [self._estimates[index] for index in sorted(self._estimates)]
 
     @property
     def collecting(self) -> bool:
@@ -136,6 +131,8 @@ class Recording:
                 self._change.wait(0.2)
         index = self._submitted
         self._submitted += 1
+        told = {"number": frame.number, "monotonic_ns": frame.monotonic_ns, "seed": index, "resamples": resamples}
+        self._note(FRAMES, {"camera": self.feed.name, **told})
         future = self._pool.submit(frame.depth, frame.intrinsics, frame.depth_unit_m, index, resamples)
         with self._change:
             self._pending.add(future)
@@ -151,22 +148,16 @@ class Recording:
         except DeviceError as error:
             log.warning("%s, frame %d of the recording: %s", self.feed.name, index + 1, error)
             estimate = None
-            self.failed += 1
         with self._change:
             self._pending.discard(future)
-            if estimate is not None:
-                self._estimates[index] = estimate
-                self._keep(frame, estimate)
+            self.take.add(index, frame, estimate)
             self._change.notify_all()
+        self._note(ESTIMATES, {"camera": self.feed.name, "seed": index, **_told(estimate)})
         if estimate is not None:
             self._on_estimate(self.feed, frame, estimate)
 
-    def _keep(self, frame: DepthFrame, estimate: FrameEstimate) -> None:
-        if estimate.diameter is None:
-            if self.kept is None:
-                self.kept = frame, estimate
-            return
-        median = statistics.median(e.diameter for e in self._estimates.values() if e.diameter is not None)
-        kept = None if self.kept is None else self.kept[1].diameter
-        if kept is None or abs(estimate.diameter - median) < abs(kept - median):
-            self.kept = frame, estimate
+
+def _told(estimate: FrameEstimate | None) -> dict[str, Any]:
+    if estimate is None:
+        return {"failed": True}
+    return {"diameter_m": estimate.diameter, "valid_share": estimate.valid_share, "points": estimate.points}
