@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 POINT_M = 0.1
 """A thing no longer than this (m) is at one place."""
 RING_STD = 1.5
-TETHER = Known(1.0, 0.03)
-"""Metres travelled per metre counted, where nothing better than the tether itself is known."""
+TETHER = Known(1.0, 0.02)
+"""Metres travelled per metre counted: what a tether that nobody has checked is good for."""
 LENGTH_STD = 0.03
 """Of the length from node to node that somebody states (m)."""
 TRUSTED = 0.9

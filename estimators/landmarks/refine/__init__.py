@@ -9,7 +9,7 @@ whether the misses before and after speak against it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from estimators.landmarks import belief
 from estimators.landmarks.mapper import MapperConfig, thumbnail_size
 from estimators.landmarks.projection import PipeCamera, View
 from estimators.landmarks.refine.detector import errors_of, false_density, noise, reach, starts
-from estimators.landmarks.refine.doubles import join, split
+from estimators.landmarks.refine.doubles import echoes, join, split
 from estimators.landmarks.refine.fit import fit
 from estimators.landmarks.refine.judge import judge, shows_in
 from estimators.landmarks.refine.own import own
@@ -65,12 +65,35 @@ def refine(
     spots = [spot for spot in own(run, spots, pixel_std, far) if len(spot.rows) >= LEAST]
     shown = [shows_in(run, spot, far, pixel_std) for spot in spots]
     errors, density = errors_of(run, spots, shown), false_density(run, spots)
-    kept: list[Landmark] = []
-    for spot, shows in sorted(zip(spots, shown, strict=True), key=lambda pair: pair[0].middle):
-        score, seen, missed = judge(run, spot, shows, density, errors, pixel_std)
-        if score > config.confirm and seen >= config.least_hits:
-            kept.append(_landmark(run, spot, score, seen, missed, len(kept) + 1))
-    return Refined(kept, pixel_std, far)
+    judged = [(spot, *judge(run, spot, shows, density, errors, pixel_std)) for spot, shows in zip(spots, shown, strict=True)]
+    good = [one for one in judged if one[1] > config.confirm and one[2] >= config.least_hits]
+    strayed = echoes([one[0] for one in good], [one[2] / (one[2] + one[3]) for one in good], far)
+    kept = sorted((one for one, echo in zip(good, strayed, strict=True) if not echo), key=lambda one: one[0].middle)
+    landmarks = [_landmark(run, *one, number) for number, one in enumerate(kept, 1)]
+    return Refined(landmarks, pixel_std, far)
+
+
+def same_ids(refined: Sequence[Landmark], found: Sequence[Landmark]) -> list[Landmark]:
+    """The ``refined`` landmarks under the ids of those ``found`` (with sightings) that they share most sightings with; what is
+    nobody's gets a new one."""
+    owner = {(seen.frame, seen.u, seen.v): landmark.id for landmark in found for seen in landmark.sightings}
+    shared: list[tuple[int, int, int]] = []
+    for k, landmark in enumerate(refined):
+        owners = [owner[key] for seen in landmark.sightings if (key := (seen.frame, seen.u, seen.v)) in owner]
+        shared += [(owners.count(one), k, one) for one in set(owners)]
+    ids: dict[int, int] = {}
+    for _, k, one in sorted(shared, reverse=True):
+        if k not in ids and one not in ids.values():
+            ids[k] = one
+    fresh = max((landmark.id for landmark in found), default=0)
+    for k in range(len(refined)):
+        if k not in ids:
+            fresh += 1
+            ids[k] = fresh
+    return [
+        replace(landmark, id=ids[k], sightings=tuple(replace(seen, landmark=ids[k]) for seen in landmark.sightings))
+        for k, landmark in enumerate(refined)
+    ]
 
 
 def _first(run: Run, landmark: Landmark) -> Spot:

@@ -20,6 +20,8 @@ TOGETHER = 0.4
 """Seen together less than this share of what chance would bring is never."""
 LEAST_TOGETHER = 6.0
 """Frames that chance should bring, for that to be judged."""
+ECHO = 2.5
+"""So many times oftener its neighbour is seen."""
 SPLIT_GAP = 0.5
 SPLIT_LEAST = 5
 """A gap (m), and near sightings on either side of it, for one to be looked at as two."""
@@ -55,6 +57,22 @@ def join(run: Run, spots: list[Spot], far: float) -> list[Spot]:
         else:
             kept.append(spot)
     return kept
+
+
+def echoes(spots: list[Spot], shares: list[float], far: float) -> list[bool]:
+    """Which of ``spots`` live on what strays from a neighbour: of its class, in view with it, and seen much oftener.
+
+    ``shares`` are those of the frames in which each was seen of those in which it should have shown. In a narrow pipe far
+    landmarks lie a few pixels apart, less than what a detection errs by: of a hundred detections of the one some fall nearer
+    to a place beside it, always the same.
+    """
+    return [
+        any(
+            one is not other and one.label == other.label and abs(one.middle - other.middle) < far and ECHO * share < often
+            for other, often in zip(spots, shares, strict=True)
+        )
+        for one, share in zip(spots, shares, strict=True)
+    ]
 
 
 def _together(run: Run, one: Spot, two: Spot, far: float) -> float:

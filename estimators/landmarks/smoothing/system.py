@@ -1,7 +1,8 @@
 """The least-squares problem of a run: its unknowns, its sightings' residuals and Jacobian, and the prior.
 
 Unknowns, in this order: log of f*R; metres per metre counted; the tether's slack at each knot; chainage and angle of each
-landmark; chainage of each joint; error of the focus of expansion per stretch; error of the axis offset per stretch (radii).
+landmark; chainage of each joint; error of the focus of expansion per stretch; error of the axis offset per stretch (radii); log
+of how much wider rings look than the pipe is, for what shows of a joint is its gap, now this edge of it and now that.
 The camera of frame i is at x_i = start + scale (count_i - count_0) + slack_i, and a landmark at (l, theta) is seen at
 c + f*R [a_x + cos theta, aspect (a_y + sin theta)] / (l - x_i): eq. 5 of the CCTV paper with the axis offset a.
 """
@@ -37,6 +38,7 @@ class Layout:
     joints: int
     centres: int
     axes: int
+    ring_share: int
     size: int
     landmark_ids: Indices
     joint_ids: Indices
@@ -81,7 +83,8 @@ class System:
         centre = run.frames.centre[seen.frame] + state[layout.centres + 2 * self.centre_node[:, None] + np.arange(2)]
         pixels = centre + focal * np.array([1.0, run.aspect]) * across / depth[:, None]
         ring_depth, _ = _depth(state[layout.joints + self.joint] - x[run.rings.frame])
-        return (pixels - seen.pixels) / seen.std[:, None], (focal / ring_depth - run.rings.radius_px) / run.rings.std
+        ring_focal = focal * np.exp(state[layout.ring_share])
+        return (pixels - seen.pixels) / seen.std[:, None], (ring_focal / ring_depth - run.rings.radius_px) / run.rings.std
 
     def jacobian(self, state: Array) -> Sparse:
         """(2 m + r, size): rows of the u's, then of the v's, then of the rings."""
@@ -124,6 +127,7 @@ class System:
             )
             blocks.append(_rows(values / seen.std[:, None], columns, layout.size))
         depth, slope = _depth(state[layout.joints + self.joint] - x[rings.frame])
+        focal = focal * np.exp(state[layout.ring_share])
         by_depth = -focal / depth**2 * slope
         values = np.stack(
             [
@@ -132,6 +136,7 @@ class System:
                 -by_depth * (1 - knots.share[rings.frame]),
                 -by_depth * knots.share[rings.frame],
                 by_depth,
+                focal / depth,
             ],
             axis=1,
         )
@@ -142,6 +147,7 @@ class System:
                 layout.slack + knots.left[rings.frame],
                 layout.slack + knots.right[rings.frame],
                 layout.joints + self.joint,
+                np.full_like(self.joint, layout.ring_share),
             ],
             axis=1,
         )
@@ -169,7 +175,8 @@ def build(run: Run, constraints: Constraints, noise: Noise) -> System:
     joints = landmarks + 2 * len(landmark_ids)
     centres = joints + len(joint_ids)
     axes = centres + 2 * len(centre_way)
-    layout = Layout(slack, landmarks, joints, centres, axes, axes + 2 * len(axis_way), landmark_ids, joint_ids)
+    ring_share = axes + 2 * len(axis_way)
+    layout = Layout(slack, landmarks, joints, centres, axes, ring_share, ring_share + 1, landmark_ids, joint_ids)
 
     start = constraints.start or Known(float(knots.encoder[0]), START_STD)
     scale = constraints.scale or Known(1.0, noise.scale_std)
@@ -185,6 +192,7 @@ def build(run: Run, constraints: Constraints, noise: Noise) -> System:
     rows = _Rows(layout.size)
     rows.add([0], [1.0], initial[0], log_std)
     rows.add([1], [1.0], scale.value, scale.std)
+    rows.add([layout.ring_share], [1.0], 0.0, max(noise.ring_share, 1e-6))
     rows.add([slack], [1.0], start.value, max(start.std, 1e-4))
     for k in range(len(landmark_ids)):
         rows.add([landmarks + 2 * k], [1.0], initial[landmarks + 2 * k], LOOSE_WAY)
