@@ -46,6 +46,7 @@ Chainage = Annotated[float, Field(ge=-1000, le=100_000, allow_inf_nan=False, des
 Length = Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False, description="m")]
 Clock = Annotated[float, Field(gt=0, le=12, description="clock position, 12 at the crown")]
 ReferenceDn = Annotated[int, Field(ge=50, le=4000, description="nominal diameter on the map, mm")]
+PipeLength = Annotated[float, Field(gt=0, lt=10_000, allow_inf_nan=False)]
 
 
 class Body(BaseModel):
@@ -76,6 +77,7 @@ class PipeBody(Body):
     material: Material = "unknown"
     shape: Shape = "circular"
     reference_dn: ReferenceDn | None = None
+    length_m: PipeLength | None = None
     note: Note = ""
 
 
@@ -88,6 +90,7 @@ class PipeChange(Body):
     material: Material = "unknown"
     shape: Shape = "circular"
     reference_dn: ReferenceDn | None = None
+    length_m: PipeLength | None = None
     note: Note = ""
 
 

@@ -49,7 +49,7 @@ def isybau(inspection: Inspection, options: Options) -> bytes:
     root = ElementTree.Element("Identifikation", xmlns=NAMESPACE)
     _text(root, "Version", _VERSION)
     estate = _path(root, "Admindaten", "Liegenschaft")
-    _text(estate, "Liegenschaftsnummer", fitting(inspection.site, 20, "The name of the site"))
+    _text(estate, "Liegenschaftsnummer", fitting(inspection.site, 255, "The name of the site")[:20])
     _text(estate, "Liegenschaftsbezeichnung", fitting(inspection.site, 255, "The name of the site"))
     data = _path(root, "Datenkollektive")
     _text(data, "Datenstatus", "2")  # as recorded

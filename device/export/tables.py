@@ -98,9 +98,10 @@ def csv_tables(inspection: Inspection, options: Options) -> dict[str, bytes]:
 
 
 def json_document(inspection: Inspection, options: Options) -> bytes:
-    """The whole inspection but for its photos, which are named."""
+    """The whole inspection but for its photos, which are named, and its points, which are counted."""
     document = asdict(inspection)
     document["photos"] = [photo.name for photo in inspection.photos]
+    document["clouds"] = [{"survey": cloud.survey, "points": len(cloud.points)} for cloud in inspection.clouds]
     document["format"] = "borescout inspection 1"
     return (dumps(document) + "\n").encode()
 

@@ -94,6 +94,19 @@ class DiameterSheet:
 
 
 @dataclass(frozen=True)
+class Cloud:
+    """Points (x, y, z) of one depth recording in its camera's frame, which of them lie on the wall, the fitted cylinder's
+    ``axis`` and a ``point`` of it (None where nothing was fitted), and where along the pipe the camera stood."""
+
+    survey: int
+    points: tuple[tuple[float, float, float], ...]
+    on_wall: tuple[bool, ...]
+    axis: tuple[float, float, float] | None = None
+    point: tuple[float, float, float] | None = None
+    station: float | None = None
+
+
+@dataclass(frozen=True)
 class Inspection:
     """One inspection of one pipe. ``crs`` is the EPSG number of the nodes' coordinates; ``date`` is ISO 8601, None where the
     box did not know it; ``landmarks``, ``anomalies`` and ``structures`` are what the surveys state, as JSON."""
@@ -111,6 +124,7 @@ class Inspection:
     observations: tuple[Observation, ...] = ()
     photos: tuple[Photo, ...] = ()
     diameters: tuple[DiameterSheet, ...] = ()
+    clouds: tuple[Cloud, ...] = ()
     landmarks: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()
     structures: tuple[Mapping[str, Any], ...] = ()

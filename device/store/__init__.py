@@ -7,6 +7,8 @@ from pathlib import Path
 from device.clock import Clock
 from device.store.database import Database
 from device.store.drives import Drives, Kept, KeptLandmark, Remembered
+from device.store.inspections import Inspections
+from device.store.journal import Journal
 from device.store.places import Places
 from device.store.surveys import NewRecording, Surveys
 
@@ -14,7 +16,8 @@ __all__ = ["Kept", "KeptLandmark", "NewRecording", "Store"]
 
 
 class Store:
-    """The database with its queries, by subject: ``places``, ``surveys`` and ``drives``; ``remembered`` holds settings.
+    """The database with its queries, by subject: ``places``, ``surveys``, ``drives`` and ``journal``; ``remembered`` holds
+    settings.
 
     ``notice`` is a sentence for the operator where the database had to be set aside. Raises as ``Database`` does.
     """
@@ -25,7 +28,9 @@ class Store:
         self.places = Places(self._database)
         self.surveys = Surveys(self._database, clock)
         self.drives = Drives(self._database, clock)
+        self.inspections = Inspections(self._database, clock)
         self.remembered = Remembered(self._database)
+        self.journal = Journal(self._database, clock)
 
     def close(self) -> None:
         """May be called twice."""

@@ -29,7 +29,7 @@ Name = Annotated[str, Field(max_length=80), AfterValidator(_name)]
 
 
 class _Pipe(BaseModel):
-    """A pipe as the operator describes it; ``reference_dn`` is the nominal diameter on the map, in mm."""
+    """A pipe as the operator describes it: ``start_node`` is the upstream one, ``reference_dn`` the map's diameter in mm."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -39,11 +39,29 @@ class _Pipe(BaseModel):
     material: Material = "unknown"
     shape: Shape = "circular"
     reference_dn: Annotated[int, Field(ge=50, le=4000)] | None = None
+    length_m: Annotated[float, Field(gt=0, lt=10_000, allow_inf_nan=False)] | None = None
     note: Annotated[str, Field(max_length=2000)] = ""
 
 
-class _Node(BaseModel):
+class _Site(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
     name: Name
+    crs: Annotated[int, Field(ge=1024, le=32767)] | None = None
+
+
+class _Node(BaseModel):
+    """A node; ``easting``, ``northing`` (in the site's reference system) and ``level`` in metres."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Name
+    easting: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    northing: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    level: Annotated[float, Field(allow_inf_nan=False)] | None = None
+
+
+_NODE = "SELECT nodes.id, nodes.name, sites.name AS site, easting, northing, level FROM nodes JOIN sites ON sites.id = site_id"
 
 
 class Places:
@@ -52,27 +70,59 @@ class Places:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def nodes(self) -> list[dict[str, Any]]:
-        """Every node: {"id", "name", "site"}, by name."""
+    def site(self) -> dict[str, Any]:
+        """The default site: {"id", "name", "crs"}, the last an EPSG number or None."""
         with self._database.read() as connection:
-            rows = connection.execute(
-                "SELECT nodes.id, nodes.name, sites.name AS site FROM nodes JOIN sites ON sites.id = site_id"
-                " ORDER BY nodes.name"
-            ).fetchall()
-        return [dict(row) for row in rows]
+            return dict(connection.execute("SELECT id, name, crs FROM sites WHERE id = ?", (_DEFAULT_SITE,)).fetchone())
 
-    def create_node(self, name: str) -> dict[str, Any]:
+    def update_site(self, data: dict[str, Any]) -> dict[str, Any]:
+        """Change the default site's name or reference system. Raises Invalid."""
+        before = self.site()
+        site = checked(_Site, {"name": before["name"], "crs": before["crs"], **data})
+        with self._database.write() as connection:
+            connection.execute("UPDATE sites SET name = ?, crs = ? WHERE id = ?", (site.name, site.crs, _DEFAULT_SITE))
+        return self.site()
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Every node: {"id", "name", "site", "easting", "northing", "level"}, by name."""
+        with self._database.read() as connection:
+            return [dict(row) for row in connection.execute(f"{_NODE} ORDER BY nodes.name").fetchall()]
+
+    def node(self, node_id: int) -> dict[str, Any]:
+        """One node. Raises NotFound."""
+        with self._database.read() as connection:
+            row = connection.execute(f"{_NODE} WHERE nodes.id = ?", (node_id,)).fetchone()
+        if row is None:
+            raise NotFound(f"There is no node number {node_id}.")
+        return dict(row)
+
+    def create_node(self, name: str, **place: float | None) -> dict[str, Any]:
         """A new node at the default site. Raises Invalid for an empty name or one that is taken."""
-        node = _checked(_Node, {"name": name})
+        node = checked(_Node, {"name": name, **place})
         try:
             with self._database.write() as connection:
                 number = connection.execute(
-                    "INSERT INTO nodes (site_id, name) VALUES (?, ?)", (_DEFAULT_SITE, node.name)
+                    "INSERT INTO nodes (site_id, name, easting, northing, level) VALUES (?, ?, ?, ?, ?)",
+                    (_DEFAULT_SITE, node.name, node.easting, node.northing, node.level),
                 ).lastrowid
-                site = connection.execute("SELECT name FROM sites WHERE id = ?", (_DEFAULT_SITE,)).fetchone()[0]
         except sqlite3.IntegrityError:
             raise Invalid(f"There is already a well called {node.name}.") from None
-        return {"id": number, "name": node.name, "site": site}
+        assert number is not None  # sqlite gives every inserted row a number
+        return self.node(number)
+
+    def update_node(self, node_id: int, data: dict[str, Any]) -> dict[str, Any]:
+        """Change the fields in ``data``, keep the others. Raises NotFound, Invalid."""
+        before = self.node(node_id)
+        node = checked(_Node, {**{name: before[name] for name in _Node.model_fields}, **data})
+        try:
+            with self._database.write() as connection:
+                connection.execute(
+                    "UPDATE nodes SET name = :name, easting = :easting, northing = :northing, level = :level WHERE id = :id",
+                    {**node.model_dump(), "id": node_id},
+                )
+        except sqlite3.IntegrityError:
+            raise Invalid(f"There is already a well called {node.name}.") from None
+        return self.node(node_id)
 
     def pipes(self) -> list[dict[str, Any]]:
         """Every pipe that is not deleted, by name."""
@@ -90,12 +140,12 @@ class Places:
 
     def create_pipe(self, data: dict[str, Any]) -> dict[str, Any]:
         """A new pipe from the fields of _Pipe. Raises Invalid."""
-        pipe = _checked(_Pipe, data)
+        pipe = checked(_Pipe, data)
         try:
             with self._database.write() as connection:
                 number = connection.execute(
-                    "INSERT INTO pipes (name, start_node, end_node, material, shape, reference_dn, note)"
-                    " VALUES (:name, :start_node, :end_node, :material, :shape, :reference_dn, :note)",
+                    "INSERT INTO pipes (name, start_node, end_node, material, shape, reference_dn, length_m, note)"
+                    " VALUES (:name, :start_node, :end_node, :material, :shape, :reference_dn, :length_m, :note)",
                     pipe.model_dump(),
                 ).lastrowid
         except sqlite3.IntegrityError:
@@ -106,12 +156,12 @@ class Places:
         """Change the fields in ``data``, keep the others. Raises NotFound, Invalid."""
         before = self.pipe(pipe_id)
         before.pop("id")
-        pipe = _checked(_Pipe, {**before, **data})
+        pipe = checked(_Pipe, {**before, **data})
         try:
             with self._database.write() as connection:
                 connection.execute(
                     "UPDATE pipes SET name = :name, start_node = :start_node, end_node = :end_node, material = :material,"
-                    " shape = :shape, reference_dn = :reference_dn, note = :note WHERE id = :id",
+                    " shape = :shape, reference_dn = :reference_dn, length_m = :length_m, note = :note WHERE id = :id",
                     {**pipe.model_dump(), "id": pipe_id},
                 )
         except sqlite3.IntegrityError:
@@ -127,11 +177,12 @@ class Places:
 
 def pipe_json(row: sqlite3.Row) -> dict[str, Any]:
     """A row of ``pipes`` as the page reads it."""
-    fields = ("id", "name", "start_node", "end_node", "material", "shape", "reference_dn", "note")
+    fields = ("id", "name", "start_node", "end_node", "material", "shape", "reference_dn", "length_m", "note")
     return {field: row[field] for field in fields}
 
 
-def _checked(model: type[_M], data: dict[str, Any]) -> _M:
+def checked(model: type[_M], data: dict[str, Any]) -> _M:
+    """``data`` as ``model``. Raises Invalid with a sentence."""
     try:
         return model.model_validate(data)
     except ValidationError as error:

@@ -295,7 +295,7 @@ class FakeDevice(FakeDrive):
 
     def create_node(self, name: str) -> Json:
         with self._lock:
-            node = {"id": next(self._ids), "name": name, "site": None}
+            node = {"id": next(self._ids), "name": name, "site": "Site", "easting": None, "northing": None, "level": None}
             self._nodes[node["id"]] = node
             return node
 
@@ -304,7 +304,7 @@ class FakeDevice(FakeDrive):
 
     def create_pipe(self, data: Json) -> Json:
         with self._lock:
-            pipe = {"id": next(self._ids), **data}
+            pipe = {"id": next(self._ids), "length_m": None, **data}
             self._pipes[pipe["id"]] = pipe
             return pipe
 

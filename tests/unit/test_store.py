@@ -328,12 +328,12 @@ def test_a_new_migration_is_applied_to_an_old_database(
 ) -> None:
     survey_id = saved(store)
     store.close()
-    steps = [*migrations(), (len(migrations()) + 1, "ALTER TABLE pipes ADD COLUMN length_m REAL;")]
+    steps = [*migrations(), (len(migrations()) + 1, "ALTER TABLE pipes ADD COLUMN slope REAL;")]
     monkeypatch.setattr(database_module, "migrations", lambda: steps)
     newer = Store(tmp_path / "data", clock)
     assert newer.surveys.get(survey_id)["id"] == survey_id
     with newer._database.read() as connection:
-        assert connection.execute("SELECT length_m FROM pipes").fetchall() == []
+        assert connection.execute("SELECT slope FROM pipes").fetchall() == []
 
 
 def test_a_database_from_before_the_pictures_keeps_its_findings_and_takes_pictures(tmp_path: Path, clock: SteeredClock) -> None:
