@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import socket
 import subprocess
 import sys
@@ -17,6 +18,10 @@ from contextlib import contextmanager
 
 SOURCE = "127.0.0.66"
 """Where they come from: another address than the honest clients of a test, as on a hotspot."""
+
+
+LONGEST_S = 300.0
+"""An attack whose test was killed ends by itself."""
 
 
 class Crowd:
@@ -238,8 +243,8 @@ def guessing(crowd: Crowd, until: float) -> None:
                 pin += 1
                 head = b"POST /api/v1/session HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
                 crowd.send(one, head + b"Content-Length: %d\r\n\r\n" % len(body) + body)
+                crowd.count["guesses"] += 1
         time.sleep(0.002)
-    crowd.count["guesses"] = pin
 
 
 ATTACKS: dict[str, tuple[Callable[[Crowd, float], None], int, int | None]] = {
@@ -259,23 +264,44 @@ ATTACKS: dict[str, tuple[Callable[[Crowd, float], None], int, int | None]] = {
 """What each does, through how many connections, with which receive buffer (bytes)."""
 
 
+class Attack:
+    """One attack under way, in a process of its own."""
+
+    def __init__(self, port: int, attack: str, source: str = SOURCE) -> None:
+        command = [sys.executable, "-m", "tests.hostile", str(port), source, attack]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self._said = self._process.stdout
+        assert self._said.readline() == "at work\n"
+
+    def end(self) -> dict[str, int]:
+        """Stop it; what it did: connections, answers, how many were closed by the box, ..."""
+        self._process.terminate()
+        done: dict[str, int] = json.loads(self._said.read() or "{}")
+        self._process.wait(10)
+        return done
+
+
 @contextmanager
-def under_attack(port: int, attack: str, seconds: float, source: str = SOURCE) -> Iterator[subprocess.Popen[str]]:
-    """Run the attack beside what the block does; its count is a JSON line on ``stdout`` when it has ended."""
-    command = [sys.executable, "-m", "tests.hostile", str(port), str(seconds), source, attack]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+def under_attack(port: int, attack: str, source: str = SOURCE) -> Iterator[Attack]:
+    """The attack beside what the block does."""
+    one = Attack(port, attack, source)
+    try:
+        yield one
+    finally:
+        one.end()
 
 
 def main() -> None:
-    port, seconds, source, attack = sys.argv[1:]
+    port, source, attack = sys.argv[1:]
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))
     act, size, receive_bytes = ATTACKS[attack]
     crowd = Crowd(int(port), source, size, receive_bytes)
-    act(crowd, time.monotonic() + float(seconds))
-    print(json.dumps(crowd.count))
+    print("at work", flush=True)
+    try:
+        act(crowd, time.monotonic() + LONGEST_S)
+    finally:
+        print(json.dumps(crowd.count))
 
 
 if __name__ == "__main__":

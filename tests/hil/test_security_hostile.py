@@ -20,7 +20,6 @@ from web_ui import connections
 from web_ui.app import create_app
 
 FRAMES = 20
-SECONDS = 2.5
 PATIENCE_S = 8.0
 """For one answer, on two cores shared with whatever else runs; a client that is shut out waits for ever."""
 
@@ -74,35 +73,36 @@ def test_hostile_clients_stop_neither_a_measurement_nor_the_page(
     box: Bench, port: int, paired: Pass, attacks: tuple[str, ...]
 ) -> None:
     with ExitStack() as stack:
-        attackers = [
-            stack.enter_context(under_attack(port, attack, SECONDS, f"127.0.0.{60 + k}")) for k, attack in enumerate(attacks)
-        ]
-        time.sleep(0.5)  # they are at work
+        attackers = [stack.enter_context(under_attack(port, attack, f"127.0.0.{60 + k}")) for k, attack in enumerate(attacks)]
         status, begun = ask(port, paired, "POST", "/api/v1/measure", {"frames": FRAMES})
         assert status == 202
-        answers = 0
-        while any(attacker.poll() is None for attacker in attackers):
+        for _ in range(4):
             assert ask(port, paired, "GET", "/api/v1/status")[0] == 200
             assert ask(port, None, "GET", "/pair")[0] == 200
-            answers += 1
-        for attacker in attackers:
-            assert attacker.stdout is not None
-            assert json.loads(attacker.stdout.read())["connections"] > 0, "the attack did not take place"
-    assert answers >= 2
-    assert box.finish(begun["survey_id"])["state"] == "saved"
+            time.sleep(0.3)
+        assert box.finish(begun["survey_id"])["state"] == "saved"
+        for attack, attacker in zip(attacks, attackers, strict=True):
+            assert attacker.end()["connections"] > 0, f"{attack} did not take place"
     assert box.device.survey(begun["survey_id"])["result"]["frames_used"] == FRAMES
 
 
 def test_slow_and_silent_clients_are_cut_off(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 1.0)
-    monkeypatch.setattr(connections, "IDLE_S", 2.0)
-    for attack in ("slow headers", "500 connections"):
-        with under_attack(port, attack, 4.0) as attacker:
-            assert attacker.stdout is not None
-            done = json.loads(attacker.stdout.read())
-        # More were cut off than what the share of an address pushes out alone: those that were let in had to go, too.
-        assert done["closed by the box"] > 0
-        assert done["connections"] - done["closed by the box"] <= connections.MOST_OF_AN_ADDRESS
+    monkeypatch.setattr(connections, "REQUEST_S", 0.5)
+    monkeypatch.setattr(connections, "IDLE_S", 1.0)
+    monkeypatch.setattr(connections, "MOST_OF_AN_ADDRESS", 1000)  # nobody is pushed out: who is gone took too long
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 1000)
+    for request in (
+        b"",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ",
+        b"POST /api/v1/session HTTP/1.1\r\nContent-Length: 9\r\n\r\n",
+    ):
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as one:
+            one.sendall(request)
+            with suppress(ConnectionError):  # a byte now and then does not help
+                for _ in range(8):
+                    time.sleep(0.2)
+                    one.sendall(b"a" if request else b"")
+            assert one.recv(1) == b""
 
 
 def test_a_crowd_is_bounded_and_the_newcomer_gets_in(port: int, paired: Pass) -> None:
@@ -129,10 +129,10 @@ def test_a_crowd_is_bounded_and_the_newcomer_gets_in(port: int, paired: Pass) ->
 
 
 def test_the_pin_is_not_guessed_by_speed(box: Bench, port: int) -> None:
-    with under_attack(port, "guessing PINs", 2.0, "127.0.0.77") as attacker:
-        assert attacker.stdout is not None
-        done = json.loads(attacker.stdout.read())
-    assert done["guesses"] > 50
-    assert pair(port, name="Honest", source="127.0.0.78").csrf, "somebody else is let in at once"
-    names = {row["name"] for row in box.device.access.devices()}
-    assert not any("77" in name for name in names)
+    with under_attack(port, "guessing PINs", "127.0.0.77") as attacker:
+        time.sleep(2.0)
+        assert pair(port, name="Honest", source="127.0.0.78").csrf, "somebody else is let in at once"
+        assert attacker.end()["guesses"] > 20
+    assert not any("77" in row["name"] for row in box.device.access.devices())
+    with pytest.raises(AssertionError, match="429"):
+        pair(port, source="127.0.0.77")
