@@ -418,11 +418,12 @@ class Device:
         """A landmark where the crawler is now. Raises Invalid, StorageFull."""
         return self._drive.mark(label, clock, note)
 
-    def drive_picture(self, overlay: bool = False) -> bytes | None:
-        """JPEG of the newest CCTV picture, or None. Whoever looks wants to see: a resting lamp is lit."""
+    def drive_picture(self, overlay: bool = False, heatmap: str | None = None) -> bytes | None:
+        """JPEG of the newest CCTV picture, or None; ``heatmap`` is a class of the network. Whoever looks wants to see: a
+        resting lamp is lit. Raises Invalid."""
         if self._lamp is not None:
             self._lamp.look()
-        return self._drive.picture(overlay)
+        return self._drive.picture(overlay, heatmap)
 
     def set_encoder(self, change: dict[str, Any]) -> dict[str, Any]:
         """Set "counts_per_metre" and "direction"; the encoder. Raises Busy, Invalid."""
@@ -443,9 +444,9 @@ class Device:
         """The map of a drive, also of the one under way. Raises NotFound."""
         return self._store.drives.map(survey_id)
 
-    def thumbnail(self, survey_id: int, landmark: int) -> bytes | None:
+    def thumbnail(self, survey_id: int, landmark: int, heatmap: str | None = None) -> bytes | None:
         """JPEG of a landmark, or None. Raises NotFound."""
-        return self._store.drives.thumbnail(survey_id, landmark)
+        return self._drive.thumbnail(survey_id, landmark, heatmap)
 
     def change_landmark(self, survey_id: int, landmark: int, change: dict[str, Any]) -> dict[str, Any]:
         """What somebody says of a landmark: "decision", "class", "chainage_m", "clock", "note", "by". Raises NotFound."""

@@ -96,7 +96,8 @@ def blueprint(device: "Device") -> Blueprint:
 
     @api.get("/drive/picture.jpg")
     def drive_picture() -> Response:
-        return _jpeg(device.drive_picture(bodies.read_query(bodies.DrivePictureQuery).overlay))
+        wanted = bodies.read_query(bodies.DrivePictureQuery)
+        return _jpeg(device.drive_picture(wanted.overlay, wanted.heatmap))
 
     @api.put("/encoder")
     def encoder() -> Response:
@@ -117,7 +118,7 @@ def blueprint(device: "Device") -> Blueprint:
 
     @api.get(f"/surveys/{_ID}/landmarks/{_LANDMARK}/thumbnail.jpg")
     def thumbnail(number: int, landmark: int) -> Response:
-        return _jpeg(device.thumbnail(number, landmark))
+        return _jpeg(device.thumbnail(number, landmark, bodies.read_query(bodies.ThumbnailQuery).heatmap))
 
     @api.patch(f"/surveys/{_ID}/landmarks/{_LANDMARK}")
     def change_landmark(number: int, landmark: int) -> Response:

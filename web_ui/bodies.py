@@ -197,11 +197,20 @@ class CloudQuery(BaseModel):
 
 
 class DrivePictureQuery(BaseModel):
-    """Whether the projected grid and the tracked landmarks are drawn into the picture."""
+    """Whether the projected grid and the tracked landmarks are drawn into the picture; the class of the heatmap over it."""
 
     model_config = ConfigDict(extra="ignore")
 
     overlay: bool = False
+    heatmap: Annotated[str, Field(max_length=80)] | None = None
+
+
+class ThumbnailQuery(BaseModel):
+    """The class of the heatmap over a landmark's picture; none without it."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    heatmap: Annotated[str, Field(max_length=80)] | None = None
 
 
 class MeasureQuery(BaseModel):

@@ -16,6 +16,7 @@ from device.bus import Bus
 from device.crawler import Crawler
 from device.errors import Busy, DeviceError, Invalid, NotFound, StorageFull
 from device.feed import Feed
+from device.heatmaps import Heatmaps
 from device.landmark_overlay import draw
 from device.notify import Turns
 from device.pictures import encode_jpeg
@@ -97,7 +98,8 @@ class LandmarkSurvey:
         """Held while a frame is mapped: whoever else looks into the drive waits some milliseconds."""
         self._drive: _Drive | None = None
         self._thread: threading.Thread | None = None
-        self._jpeg: tuple[tuple[int, bool], bytes] | None = None
+        self._jpeg: tuple[tuple[int, bool, str | None], bytes] | None = None
+        self._heatmaps = Heatmaps()
         self.turns = Turns()
         """Whom the drive's thread tells that it goes on."""
 
@@ -270,8 +272,9 @@ class LandmarkSurvey:
             drive.words[number] = answer["history"]
             return answer
 
-    def picture(self, overlay: bool) -> bytes | None:
-        """JPEG of the newest CCTV picture, or None. ``overlay``: with what the drive makes of it drawn in."""
+    def picture(self, overlay: bool, heatmap: str | None = None) -> bytes | None:
+        """JPEG of the newest CCTV picture, or None. ``overlay``: with what the drive makes of it drawn in. ``heatmap``: with
+        what the network sees of this class painted over it. Raises Invalid for a class that it does not know."""
         grabber = self._crawler.grabber
         if grabber is None:
             return None
@@ -284,11 +287,11 @@ class LandmarkSurvey:
             if grabber.latest is None or grabber.status().state not in ("up", "degraded"):
                 return None
             frame, step, overlay = grabber.latest, None, False
-        key = (frame.monotonic_ns, overlay)
+        key = (frame.monotonic_ns, overlay, heatmap)
         known = self._jpeg
         if known is not None and known[0] == key:
             return known[1]
-        image = frame.image
+        image = frame.image if heatmap is None else self._heatmaps.over(frame.image, heatmap)
         if step is not None and drive is not None and step.view is not None:
             with self._lock:
                 scene = drive.pipeline.scene(step, drive.numbers)
@@ -296,6 +299,13 @@ class LandmarkSurvey:
         data = encode_jpeg(image)
         self._jpeg = (key, data)
         return data
+
+    def thumbnail(self, survey_id: int, number: int, heatmap: str | None = None) -> bytes | None:
+        """JPEG of a landmark's best picture, or None; ``heatmap`` as in ``picture``. Raises NotFound, Invalid."""
+        data = self._store.drives.thumbnail(survey_id, number)
+        if data is None or heatmap is None:
+            return data
+        return self._heatmaps.over_jpeg(data, heatmap)
 
     def refuse_if_driving(self, survey_id: int | None = None) -> None:
         """Raises Busy while a drive is under way (or this very one)."""

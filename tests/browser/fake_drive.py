@@ -75,8 +75,8 @@ def pipe_landmarks() -> list[Json]:
 
 
 @cache
-def cctv_jpeg(number: int, overlay: bool) -> bytes:
-    """A bore with rings, and some lines where an overlay is asked for."""
+def cctv_jpeg(number: int, overlay: bool, heatmap: str | None = None) -> bytes:
+    """A bore with rings, some lines where an overlay is asked for, and a red spot for a heatmap."""
     rng = np.random.default_rng(number)
     y, x = np.mgrid[0:432, 0:540].astype(np.float32)
     rho = np.hypot(x - 270, y - 216)
@@ -85,6 +85,8 @@ def cctv_jpeg(number: int, overlay: bool) -> bytes:
     if overlay:
         for radius in (40, 70, 130, 240):
             cv2.circle(picture, (270, 216), radius, (80, 220, 80), 1, cv2.LINE_AA)
+    if heatmap is not None:
+        cv2.circle(picture, (400, 120), 40, (40, 40, 255), -1)
     data: bytes = cv2.imencode(".jpg", picture)[1].tobytes()
     return data
 
@@ -281,8 +283,8 @@ class FakeDrive:
             "seconds": round(time.monotonic() - going["begun"], 1),
         }
 
-    def drive_picture(self, overlay: bool = False) -> bytes | None:
-        return cctv_jpeg(int(time.monotonic() * 5) % 6, overlay) if self.grabber["state"] == "up" else None
+    def drive_picture(self, overlay: bool = False, heatmap: str | None = None) -> bytes | None:
+        return cctv_jpeg(int(time.monotonic() * 5) % 6, overlay, heatmap) if self.grabber["state"] == "up" else None
 
     def set_encoder(self, change: Json) -> Json:
         self.encoder |= change
@@ -325,8 +327,8 @@ class FakeDrive:
             raise NotFound(f"Survey {survey_id} has no landmark number {number}.")
         return found
 
-    def thumbnail(self, survey_id: int, number: int) -> bytes | None:
-        return cctv_jpeg(number % 6, False) if self._of(survey_id, number)["thumbnail"] else None
+    def thumbnail(self, survey_id: int, number: int, heatmap: str | None = None) -> bytes | None:
+        return cctv_jpeg(number % 6, False, heatmap) if self._of(survey_id, number)["thumbnail"] else None
 
     def change_landmark(self, survey_id: int, number: int, change: Json) -> Json:
         with self._lock:

@@ -9,6 +9,7 @@ from playwright.sync_api import Page, expect
 from tests.browser.conftest import Watched
 from tests.browser.fake_device import FakeDevice
 from tests.browser.fake_drive import SLIP
+from web_ui.wording import CLASSES
 
 POLLS = "(() => { window.EventSource = undefined; delete window.EventSource; })()"
 
@@ -180,6 +181,32 @@ def test_the_overlay_is_switched(screen: Watched, device: FakeDevice) -> None:
     with page.expect_response(lambda response: "overlay=0" in response.url and response.status == 200):
         page.get_by_role("button", name="Overlay").click()
     expect(page.locator("#overlay-button")).to_have_attribute("aria-pressed", "false")
+
+
+RED_PIXELS = """(picture) => {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [picture.naturalWidth ?? picture.width, picture.naturalHeight ?? picture.height];
+  const pen = canvas.getContext("2d");
+  pen.drawImage(picture, 0, 0);
+  const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+  let count = 0;
+  for (let k = 0; k < data.length; k += 4) count += data[k] > 200 && data[k + 1] < 110 && data[k + 2] < 110;
+  return count;
+}"""
+
+
+def test_a_heatmap_is_chosen_and_given_up(screen: Watched, device: FakeDevice) -> None:
+    page = screen.open("/drive")
+    expect(page.locator("#view-cctv")).to_have_attribute("data-state", "live")
+    choice = page.get_by_label("Heatmap of the network")
+    assert choice.locator("option").all_inner_texts() == ["No heatmap", *(f"Heat: {name}" for name in CLASSES)]
+    assert page.locator("#cctv").evaluate(RED_PIXELS) == 0
+    with page.expect_response(lambda response: "heatmap=displaced%20joint" in response.url and response.status == 200):
+        choice.select_option("displaced joint")
+    page.wait_for_function(f"({RED_PIXELS})(document.getElementById('cctv')) > 1000")
+    with page.expect_response(lambda response: "picture.jpg" in response.url and "heatmap" not in response.url):
+        choice.select_option("")
+    page.wait_for_function(f"({RED_PIXELS})(document.getElementById('cctv')) === 0")
 
 
 def test_the_counter_is_set_zeroed_and_calibrated(screen: Watched, device: FakeDevice) -> None:

@@ -149,6 +149,20 @@ def test_a_landmark_opens_from_list_and_map(screen: Watched, number: int, where:
     expect(page.get_by_role("dialog")).to_be_hidden()
 
 
+def test_the_picture_of_a_landmark_shows_what_the_network_sees(screen: Watched, number: int) -> None:
+    page = screen.open(f"/surveys/{number}")
+    page.locator(".lm-row[data-id='5']").click()
+    picture, heat = page.locator("#lm-figure img"), page.get_by_role("button", name="What the network sees")
+    expect(heat).to_have_attribute("aria-pressed", "false")
+    plain = picture.get_attribute("src")
+    with page.expect_response(lambda response: "thumbnail.jpg?heatmap=fracture" in response.url and response.status == 200):
+        heat.click()
+    expect(heat).to_have_attribute("aria-pressed", "true")
+    expect(picture).to_have_attribute("alt", "Picture of landmark 5, bright where the network sees fracture")
+    heat.click()
+    expect(picture).to_have_attribute("src", plain or "")
+
+
 def test_confirm_reject_and_undo(screen: Watched, device: FakeDevice, number: int) -> None:
     page = screen.open(f"/surveys/{number}")
     row = page.locator(".lm-row[data-id='6']")

@@ -292,6 +292,12 @@ function toggleOverlay() {
   button.setAttribute("aria-pressed", String(button.getAttribute("aria-pressed") !== "true"));
 }
 
+// The class whose heatmap is wanted over the picture, as part of its address.
+function heat() {
+  const wanted = byId("heatmap").value;
+  return wanted ? `heatmap=${encodeURIComponent(wanted)}&` : "";
+}
+
 // --- wiring ------------------------------------------------------------------------------------------------------------------------
 
 byId("mark-clock").replaceChildren(html("option", { value: "" }, "not known"), ...HALF_HOURS.map((hour) => html("option", { value: hour }, clockText(hour))));
@@ -314,7 +320,7 @@ feed.on("link", show);
 
 if (first.grabber)
   new PicturePoller(byId("cctv"), "drive", {
-    address: () => `/api/v1/drive/picture.jpg?overlay=${byId("overlay-button").getAttribute("aria-pressed") === "true" ? 1 : 0}&`,
+    address: () => `/api/v1/drive/picture.jpg?overlay=${byId("overlay-button").getAttribute("aria-pressed") === "true" ? 1 : 0}&${heat()}`,
     wanted: () => true,
     onPicture: () => (seen.pictureAt = now()),
     onNone: () => {},

@@ -4,6 +4,8 @@ export const STATUSES = { candidate: "candidate", confirmed: "confirmed", passed
 const SYMBOLS = ["connection", "deposit", "displaced joint", "fracture", "roots"];
 export const NOTHING = "false"; // the belief that there is nothing at all
 
+// What the network was taught: of these there are heatmaps.
+export const inNetwork = (name) => SYMBOLS.includes(name);
 export const slug = (name) => (SYMBOLS.includes(name) ? name.replaceAll(" ", "-") : "other");
 export const symbol = (name) => `lm-${slug(name)}`;
 export const className = (name) => (name === NOTHING ? "nothing there" : name);

@@ -2,7 +2,7 @@
 
 import { ask } from "./api.js";
 import { announce, byId, html, setText, showFailure, toast } from "./dom.js";
-import { HALF_HOURS, NOTHING, chainageText, className, clockText, metresText, readNumber, seenText, sentence, shown, sigmaText, whereText } from "./drive_words.js";
+import { HALF_HOURS, NOTHING, chainageText, className, clockText, inNetwork, metresText, readNumber, seenText, sentence, shown, sigmaText, whereText } from "./drive_words.js";
 import { recall, remember } from "./operator.js";
 
 const percent = (share) => (share > 0.995 && share < 1 ? "> 99 %" : share > 0 && share < 0.005 ? "< 1 %" : `${Math.round(share * 100)} %`);
@@ -17,6 +17,10 @@ export class LandmarkPanel {
     byId("lm-close").addEventListener("click", () => this.dialog.close());
     byId("lm-confirm").addEventListener("click", () => this.decide("confirmed"));
     byId("lm-reject").addEventListener("click", () => this.decide("rejected"));
+    byId("lm-heat").addEventListener("click", () => {
+      byId("lm-heat").setAttribute("aria-pressed", String(!this.heat()));
+      this.picture(this.landmark);
+    });
     byId("lm-undo").addEventListener("click", () => this.decide(null));
     this.dialog.addEventListener("close", () => (this.landmark = null));
     this.form.addEventListener("submit", (event) => {
@@ -66,12 +70,19 @@ export class LandmarkPanel {
     byId("lm-said").replaceChildren(...this.said(landmark));
   }
 
+  heat() {
+    return byId("lm-heat").getAttribute("aria-pressed") === "true";
+  }
+
   picture(landmark) {
-    const address = landmark.thumbnail ? `/api/v1/surveys/${this.surveyId()}/landmarks/${landmark.id}/thumbnail.jpg` : "";
+    const known = inNetwork(landmark.class);
+    byId("lm-heat").hidden = !landmark.thumbnail || !known;
+    const heat = known && this.heat() ? `?heatmap=${encodeURIComponent(landmark.class)}` : "";
+    const address = landmark.thumbnail ? `/api/v1/surveys/${this.surveyId()}/landmarks/${landmark.id}/thumbnail.jpg${heat}` : "";
     if (address === this.pictured) return;
     this.pictured = address;
     const place = byId("lm-figure");
-    if (address) place.replaceChildren(html("img", { src: address, alt: `Picture of landmark ${landmark.id}` }));
+    if (address) place.replaceChildren(html("img", { src: address, alt: heat ? `Picture of landmark ${landmark.id}, bright where the network sees ${className(landmark.class)}` : `Picture of landmark ${landmark.id}` }));
     else place.replaceChildren(html("p", { class: "small" }, landmark.marked_by_hand ? "No picture: marked by hand." : "No picture yet."));
   }
 
