@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from flask import Blueprint, Response, jsonify, request
+from flask import Blueprint, Response, current_app, jsonify
 
 from web_ui import bodies, openapi
 
@@ -27,7 +27,7 @@ def blueprint(device: "Device") -> Blueprint:
 
     @api.get("/picture/<any(depth, color):kind>.jpg")
     def picture(kind: str) -> Response:
-        return _jpeg(device.picture(kind, request.args.get("camera") or None))
+        return _jpeg(device.picture(kind, bodies.read_query(bodies.PictureQuery).camera))
 
     @api.get("/cloud")
     def cloud() -> Response:
@@ -161,7 +161,7 @@ def blueprint(device: "Device") -> Blueprint:
 
     @api.get("/openapi.json")
     def document() -> Response:
-        return jsonify(openapi.document())
+        return jsonify(openapi.document(current_app.url_map))
 
     return api
 

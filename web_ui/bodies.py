@@ -188,6 +188,22 @@ class SurveyQuery(BaseModel):
     before: Id | None = None
 
 
+class PictureQuery(BaseModel):
+    """The camera whose picture is wanted; without one, the first that has a picture."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    camera: Annotated[str, Field(max_length=200)] | None = None
+
+
+class EventsQuery(BaseModel):
+    """The name of the tab, so that a new stream takes the place of the tab's old one."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    tab: Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{1,40}$")] = ""
+
+
 class CloudQuery(BaseModel):
     """The survey whose cloud is wanted; without one, the live cloud."""
 

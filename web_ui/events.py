@@ -4,7 +4,6 @@ A phone that leaves the hotspot says no goodbye. Its stream ends when the tab co
 stream replaces the old one), or when TCP gives the peer up (`web_ui.server` sets the timeout).
 """
 
-import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ from flask import Blueprint, Response, request
 
 from device.bus import Subscription
 from device.json_text import dumps
-from web_ui import faults, guards
+from web_ui import bodies, faults, guards
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 STREAM_CAP = 8
 HEARTBEAT_S = 10.0
 _WAIT_S = 1.0  # how long a stream may take to notice that it is no longer wanted
-_TAB = re.compile(r"[A-Za-z0-9-]{1,40}", re.ASCII)
 
 
 class Streams:
@@ -115,9 +113,7 @@ def blueprint(device: "Device", cap: int) -> Blueprint:
 
     @events.get("/events")
     def stream() -> Response:
-        tab = request.args.get("tab", "")
-        if tab and not _TAB.fullmatch(tab):
-            return faults.answer(422, "tab: at most 40 letters, digits and hyphens.")
+        tab = bodies.read_query(bodies.EventsQuery).tab
         disconnected = request.environ.get("waitress.client_disconnected", lambda: False)
         token = request.cookies.get(guards.COOKIE, "")
         body = Stream(device, lambda: disconnected() or device.access.session(token) is None)

@@ -1,265 +1,234 @@
-"""The OpenAPI document of /api/v1: bodies from the pydantic models, the rest stated here (a test walks the URL map)."""
+"""The OpenAPI document of the box: one line for each API route; paths, parameters and security are read from the application.
 
+A new route gets a line in ROUTES (a test walks the URL map). Bodies and query strings are described by the models of
+`web_ui.bodies` that check them, answers by those of `web_ui.answers`, and who may ask by `web_ui.access`.
+"""
+
+import re
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 from pydantic.json_schema import models_json_schema
+from werkzeug.routing import Map, Rule
 
-from web_ui import bodies
+from web_ui import access, answers, bodies
 
-_OBJECT: dict[str, Any] = {"type": "object"}
+_PREFIX = "/api/v1"
 _REF = "#/components/schemas/"
+_PARAMETER = re.compile(r"<(?:(?P<kind>\w+)(?:\((?P<arguments>[^)]*)\))?:)?(?P<name>\w+)>")
+_CHANGES = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+JPEG = "image/jpeg"
+EVENTS = "text/event-stream"
 
 
-def _answer(description: str, schema: dict[str, Any] | None = None, mimetype: str = "application/json") -> dict[str, Any]:
-    if schema is None:
-        return {"description": description}
-    return {"description": description, "content": {mimetype: {"schema": schema}}}
+@dataclass(frozen=True)
+class Told:
+    """What is told of a route. `answer` is a model, a type made of models, JPEG, EVENTS, or None for 204 without a body.
+
+    `errors` are the statuses that the route adds to those that its kind has anyway (see `_errors`).
+    """
+
+    summary: str
+    answer: Any
+    body: type[BaseModel] | None = None
+    query: type[BaseModel] | None = None
+    status: int = 200
+    errors: tuple[int, ...] = ()
 
 
-def _operation(
-    summary: str,
-    responses: dict[str, dict[str, Any]],
-    *,
-    body: type[BaseModel] | None = None,
-    query: dict[str, str] | None = None,
-    path: bool | tuple[str, ...] = False,
-    errors: tuple[int, ...] = (),
-) -> dict[str, Any]:
-    operation: dict[str, Any] = {"summary": summary, "responses": dict(responses)}
-    parameters: list[dict[str, Any]] = []
-    for name in (("number",) if path else ()) if isinstance(path, bool) else path:
-        parameters.append({"name": name, "in": "path", "required": True, "schema": {"type": "integer", "minimum": 1}})
-    for name, kind in (query or {}).items():
-        parameters.append({"name": name, "in": "query", "required": False, "schema": {"type": kind}})
-    if parameters:
-        operation["parameters"] = parameters
-    if body is not None:
-        schema = {"$ref": _REF + body.__name__}
-        operation["requestBody"] = {"required": True, "content": {"application/json": {"schema": schema}}}
-    for status in errors:
-        operation["responses"][str(status)] = {"$ref": "#/components/responses/Error"}
-    return operation
+ROUTES: dict[str, Told] = {
+    "session.state": Told("The own session", answers.PairedSession | answers.SessionState),
+    "session.pair": Told("Pair by PIN; the cookie is the session", answers.PairedSession, bodies.PairBody, errors=(403, 429)),
+    "session.leave": Told("Unpair", None, bodies.Empty),
+    "session.devices": Told("Who is paired", list[answers.PairedDevice]),
+    "session.send_away": Told("End somebody's session", None, bodies.Empty),
+    "session.ask": Told("Ask for the control", answers.ControlState, bodies.Empty, errors=(409,)),
+    "session.grant": Told("Hand the control over to who asked", answers.ControlState, bodies.Empty),
+    "session.refuse": Told("Keep the control", answers.ControlState, bodies.Empty),
+    "session.release": Told("Give the control up, or ask no longer", answers.ControlState, bodies.Empty),
+    "api.status": Told("Cameras, survey, storage and clock", answers.Status),
+    "api.live": Told("The live estimate of the best camera, or null", answers.Live | None),
+    "api.picture": Told("The newest picture", JPEG, query=bodies.PictureQuery),
+    "api.cloud": Told("The point cloud of this moment or of a survey", answers.Cloud, query=bodies.CloudQuery, errors=(404,)),
+    "api.nodes": Told("All nodes", list[answers.Node]),
+    "api.create_node": Told("Create a node", answers.Node, bodies.NodeBody, status=201),
+    "api.pipes": Told("All pipes", list[answers.Pipe]),
+    "api.create_pipe": Told("Create a pipe", answers.Pipe, bodies.PipeBody, status=201, errors=(404,)),
+    "api.update_pipe": Told("Change a pipe", answers.Pipe, bodies.PipeChange),
+    "api.delete_pipe": Told("Delete a pipe", None, bodies.Empty, errors=(409,)),
+    "api.measure": Told("Start a measurement", answers.Begun, bodies.MeasureBody, status=202, errors=(404, 409, 507)),
+    "api.cancel": Told("Cancel the measurement", None, bodies.Empty),
+    "api.drive": Told("The drive under way, the CCTV and the tether", answers.Drive),
+    "api.start_drive": Told("Start a drive", answers.Begun, bodies.DriveBody, status=202, errors=(404, 409, 507)),
+    "api.steer_drive": Told("Steer the drive; cancel forgets it", None, bodies.Empty, errors=(409,)),
+    "api.mark": Told("Mark a landmark by hand", answers.Landmark, bodies.MarkBody, status=201, errors=(409, 507)),
+    "api.end_drive": Told(
+        "The end node is reached: smooth and store", answers.Begun, bodies.EndBody, status=202, errors=(409,)
+    ),
+    "api.drive_picture": Told("The CCTV picture", JPEG, query=bodies.DrivePictureQuery),
+    "api.encoder": Told("Counts per metre and direction", answers.Encoder, bodies.EncoderBody, errors=(409,)),
+    "api.zero_encoder": Told("The crawler stands at this chainage", answers.Encoder, bodies.ZeroBody, errors=(409,)),
+    "api.calibrate_encoder": Told("Two-point calibration", answers.Encoder, bodies.CalibrateBody, errors=(409,)),
+    "api.survey_map": Told("The map of a drive", answers.Map),
+    "api.thumbnail": Told("A landmark's picture", JPEG, query=bodies.ThumbnailQuery),
+    "api.change_landmark": Told(
+        "Confirm, reject, correct or note; the measured values stay", answers.Landmark, bodies.LandmarkChange
+    ),
+    "api.surveys": Told("The newest surveys", list[answers.Summary], query=bodies.SurveyQuery),
+    "api.survey": Told("One survey", answers.Survey),
+    "api.survey_picture": Told("The picture kept with the survey's chosen recording", JPEG),
+    "api.answer": Told("The operator's answers and verdict", answers.Survey, bodies.AnswerBody),
+    "api.delete_survey": Told("Delete a survey; it can be restored", None, bodies.Empty, errors=(409,)),
+    "api.restore_survey": Told("Undo a deletion", None, bodies.Empty),
+    "api.clock": Told("The browser offers its time", None, bodies.ClockBody),
+    "api.document": Told("This document", dict[str, Any]),
+    "events.stream": Told(
+        "Events status, live, measurement, prompt, drive and control, one stream per tab",
+        EVENTS,
+        query=bodies.EventsQuery,
+        errors=(503,),
+    ),
+}
 
 
-def _list(description: str) -> dict[str, dict[str, Any]]:
-    return {"200": _answer(description, {"type": "array", "items": _OBJECT})}
-
-
-def _one(description: str, status: str = "200") -> dict[str, dict[str, Any]]:
-    return {status: _answer(description, _OBJECT)}
-
-
-_DONE = {"204": _answer("Done.")}
-_CHANGE = (400, 403, 413, 415, 422)
-_BODIES: tuple[type[BaseModel], ...] = (
-    bodies.PairBody,
-    bodies.NodeBody,
-    bodies.PipeBody,
-    bodies.PipeChange,
-    bodies.MeasureBody,
-    bodies.DriveBody,
-    bodies.MarkBody,
-    bodies.EndBody,
-    bodies.EncoderBody,
-    bodies.ZeroBody,
-    bodies.CalibrateBody,
-    bodies.LandmarkChange,
-    bodies.AnswerBody,
-    bodies.ClockBody,
-    bodies.Empty,
-)
-
-
-def _paths() -> dict[str, dict[str, Any]]:
-    jpeg = {
-        "200": _answer("The picture.", {"type": "string", "format": "binary"}, "image/jpeg"),
-        "204": _answer("No picture now."),
-    }
-    kind = {"name": "kind", "in": "path", "required": True, "schema": {"enum": ["depth", "color"]}}
-    stored = _operation(
-        "The picture kept with the survey's chosen recording",
-        {**jpeg, "204": _answer("No such picture was kept.")},
-        path=True,
-        errors=(404,),
-    )
-    stream = {"200": _answer("Events status, live, measurement, prompt and drive.", {"type": "string"}, "text/event-stream")}
-    return {
-        "/status": {"get": _operation("Cameras, survey, storage and clock", _one("The status."))},
-        "/live": {"get": _operation("The live estimate of the best camera, or null", _one("The estimate."))},
-        "/picture/{kind}.jpg": {
-            "get": {
-                **_operation("The newest picture", jpeg, query={"camera": "string"}),
-                "parameters": [
-                    kind,
-                    {"name": "camera", "in": "query", "required": False, "schema": {"type": "string"}},
-                ],
-            }
-        },
-        "/cloud": {
-            "get": _operation(
-                "At most 3000 points in metres with the cylinder",
-                _one("The cloud."),
-                query={"survey_id": "integer"},
-                errors=(404,),
-            )
-        },
-        "/events": {"get": _operation("Live events, one stream per tab", stream, query={"tab": "string"}, errors=(422, 503))},
-        "/nodes": {
-            "get": _operation("All nodes", _list("The nodes.")),
-            "post": _operation("Create a node", _one("The node.", "201"), body=bodies.NodeBody, errors=_CHANGE),
-        },
-        "/pipes": {
-            "get": _operation("All pipes", _list("The pipes.")),
-            "post": _operation("Create a pipe", _one("The pipe.", "201"), body=bodies.PipeBody, errors=(404, *_CHANGE)),
-        },
-        "/pipes/{number}": {
-            "patch": _operation("Change a pipe", _one("The pipe."), body=bodies.PipeChange, path=True, errors=(404, *_CHANGE)),
-            "delete": _operation("Delete a pipe", _DONE, body=bodies.Empty, path=True, errors=(404, 409, *_CHANGE)),
-        },
-        "/measure": {
-            "post": _operation(
-                "Start a measurement",
-                _one("The survey's id.", "202"),
-                body=bodies.MeasureBody,
-                errors=(404, 409, 507, *_CHANGE),
-            )
-        },
-        "/measure/cancel": {"post": _operation("Cancel the measurement", _DONE, body=bodies.Empty, errors=_CHANGE)},
-        **_drive_paths(jpeg),
-        **_door_paths(),
-        "/surveys": {
-            "get": _operation(
-                "The newest surveys",
-                _list("Summaries."),
-                query={"pipe_id": "integer", "limit": "integer", "before": "integer"},
-                errors=(422,),
-            )
-        },
-        "/surveys/{number}": {
-            "get": _operation("One survey", _one("The survey."), path=True, errors=(404,)),
-            "delete": _operation(
-                "Delete a survey; it can be restored", _DONE, body=bodies.Empty, path=True, errors=(404, 409, *_CHANGE)
-            ),
-        },
-        "/surveys/{number}/picture/{kind}.jpg": {"get": {**stored, "parameters": [*stored["parameters"], kind]}},
-        "/surveys/{number}/answer": {
-            "post": _operation(
-                "The operator's answers and verdict",
-                _one("The survey."),
-                body=bodies.AnswerBody,
-                path=True,
-                errors=(404, *_CHANGE),
-            )
-        },
-        "/surveys/{number}/restore": {
-            "post": _operation("Undo a deletion", _DONE, body=bodies.Empty, path=True, errors=(404, *_CHANGE))
-        },
-        "/clock": {"post": _operation("The browser offers its time", _DONE, body=bodies.ClockBody, errors=_CHANGE)},
-        "/openapi.json": {"get": _operation("This document", {"200": _answer("OpenAPI 3.1.", _OBJECT)})},
-    }
-
-
-def _drive_paths(jpeg: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    what = {"name": "what", "in": "path", "required": True, "schema": {"enum": ["pause", "resume", "cancel"]}}
-    steer = _operation("Steer the drive; cancel forgets it", _DONE, body=bodies.Empty, errors=(409, *_CHANGE))
-    encoder = _one("The encoder with its calibration.")
-    landmark = ("number", "landmark")
-    return {
-        "/drive": {
-            "get": _operation("The drive under way, the CCTV and the tether", _one("The drive.")),
-            "post": _operation(
-                "Start a drive", _one("The survey's id.", "202"), body=bodies.DriveBody, errors=(404, 409, 507, *_CHANGE)
-            ),
-        },
-        "/drive/{what}": {"post": {**steer, "parameters": [what]}},
-        "/drive/mark": {
-            "post": _operation(
-                "Mark a landmark by hand", _one("The landmark.", "201"), body=bodies.MarkBody, errors=(409, *_CHANGE)
-            )
-        },
-        "/drive/end": {
-            "post": _operation(
-                "The end node is reached: smooth and store",
-                _one("The survey's id.", "202"),
-                body=bodies.EndBody,
-                errors=(409, *_CHANGE),
-            )
-        },
-        "/drive/picture.jpg": {"get": _operation("The CCTV picture", jpeg, query={"overlay": "boolean"}, errors=(422,))},
-        "/encoder": {
-            "put": _operation("Counts per metre and direction", encoder, body=bodies.EncoderBody, errors=(409, *_CHANGE))
-        },
-        "/encoder/zero": {
-            "post": _operation("The crawler stands at this chainage", encoder, body=bodies.ZeroBody, errors=(409, *_CHANGE))
-        },
-        "/encoder/calibrate": {
-            "post": _operation("Two-point calibration", encoder, body=bodies.CalibrateBody, errors=(409, *_CHANGE))
-        },
-        "/surveys/{number}/map": {"get": _operation("The map of a drive", _one("The map."), path=True, errors=(404,))},
-        "/surveys/{number}/landmarks/{landmark}/thumbnail.jpg": {
-            "get": _operation("A landmark's picture", jpeg, path=landmark, errors=(404,))
-        },
-        "/surveys/{number}/landmarks/{landmark}": {
-            "patch": _operation(
-                "Confirm, reject, correct or note; the measured values stay",
-                _one("The landmark."),
-                body=bodies.LandmarkChange,
-                path=landmark,
-                errors=(404, *_CHANGE),
-            )
-        },
-    }
-
-
-def _door_paths() -> dict[str, dict[str, Any]]:
-    control = _one("Who controls the box and who asks.")
-    asked = {
-        "ask": "Ask for the control",
-        "grant": "Hand the control over to who asked",
-        "refuse": "Keep the control",
-        "release": "Give the control up, or ask no longer",
-    }
-    session = {"name": "session", "in": "path", "required": True, "schema": {"type": "string", "minLength": 8, "maxLength": 8}}
-    return {
-        "/session": {
-            "get": _operation("The own session", _one("The session.")),
-            "post": _operation("Pair by PIN", _one("The session."), body=bodies.PairBody, errors=(429, *_CHANGE)),
-            "delete": _operation("Unpair", _DONE, body=bodies.Empty, errors=_CHANGE),
-        },
-        "/sessions": {"get": _operation("Who is paired", _list("The paired devices."))},
-        "/sessions/{session}": {
-            "delete": {**_operation("Send somebody away", _DONE, body=bodies.Empty, errors=_CHANGE), "parameters": [session]}
-        },
-        **{
-            f"/control/{verb}": {"post": _operation(summary, control, body=bodies.Empty, errors=(409, *_CHANGE))}
-            for verb, summary in asked.items()
-        },
-    }
-
-
-@cache
-def document() -> dict[str, Any]:
-    """The whole document, JSON-ready; nobody may change it."""
-    _, schemas = models_json_schema([(model, "validation") for model in _BODIES], ref_template=_REF + "{model}")
-    fields = {"code": {"type": "string"}, "message": {"type": "string", "description": "one sentence for the operator"}}
-    error = {
-        "type": "object",
-        "properties": {"error": {"type": "object", "properties": fields, "required": list(fields)}},
-        "required": ["error"],
-    }
+def document(routes: Map) -> dict[str, Any]:
+    """The whole document, JSON-ready, of an application with these routes."""
+    paths: dict[str, dict[str, Any]] = {}
+    for rule in sorted(routes.iter_rules(), key=lambda rule: rule.rule):
+        path = _PARAMETER.sub(lambda found: f"{{{found['name']}}}", rule.rule)
+        for method in sorted((rule.methods or set()) - {"HEAD", "OPTIONS"}):
+            paths.setdefault(path, {})[method.lower()] = _operation(rule, method)
     return {
         "openapi": "3.1.0",
         "info": {
             "title": "borescout",
             "version": "1",
-            "description": "The box's own API, on its own network.",
+            "description": "The box's own API, on its own network. Pair with POST /api/v1/session: the answer's cookie is the"
+            " session, its `csrf` goes with each change as X-CSRF-Token. One device controls the box, the others only read.",
         },
-        "servers": [{"url": "/api/v1"}],
-        "paths": _paths(),
+        "servers": [{"url": "/"}],
+        "paths": paths,
         "components": {
-            "schemas": {**schemas["$defs"], "Error": error},
-            "responses": {"Error": _answer("Why not, in one sentence.", {"$ref": _REF + "Error"})},
+            "schemas": _schemas(),
+            "responses": {"Error": _json("Why not, in one sentence.", {"$ref": _REF + "Error"})},
+            "securitySchemes": {
+                "session": {"type": "apiKey", "in": "cookie", "name": "borescout"},
+                "csrf": {"type": "apiKey", "in": "header", "name": "X-CSRF-Token"},
+            },
         },
     }
+
+
+def _operation(rule: Rule, method: str) -> dict[str, Any]:
+    private = {"session": [], "csrf": []} if method in _CHANGES else {"session": []}
+    security = [] if rule.endpoint in access.PUBLIC else [private]
+    if not rule.rule.startswith(_PREFIX):
+        return {"operationId": f"{rule.endpoint} {rule.rule}", "security": security, **_page(rule)}
+    told = ROUTES[rule.endpoint]
+    operation: dict[str, Any] = {
+        "operationId": rule.endpoint,
+        "summary": told.summary,
+        "security": security,
+        "responses": _success(told),
+    }
+    parameters = _path_parameters(rule) + _query_parameters(told.query)
+    if parameters:
+        operation["parameters"] = parameters
+    if told.body is not None:
+        schema = {"$ref": _REF + told.body.__name__}
+        operation["requestBody"] = {"required": True, "content": {"application/json": {"schema": schema}}}
+    for status in sorted(_errors(rule, method, told)):
+        operation["responses"][str(status)] = {"$ref": "#/components/responses/Error"}
+    return operation
+
+
+def _errors(rule: Rule, method: str, told: Told) -> set[int]:
+    """A foreign host name or page; no session; a change that is not allowed or not understood; what is not there."""
+    errors = {400, 403, *told.errors}
+    if rule.endpoint not in access.PUBLIC:
+        errors.add(401)
+    if method in _CHANGES:
+        errors |= {413, 415, 422}
+    if told.query is not None:
+        errors.add(422)
+    if rule.arguments:
+        errors.add(404)
+    return errors
+
+
+def _success(told: Told) -> dict[str, Any]:
+    if told.answer is None:
+        return {"204": {"description": "Done."}}
+    if told.answer == JPEG:
+        picture = {"description": "The picture.", "content": {JPEG: {"schema": {"type": "string", "format": "binary"}}}}
+        return {"200": picture, "204": {"description": "There is no picture."}}
+    if told.answer == EVENTS:
+        return {"200": {"description": "The stream.", "content": {EVENTS: {"schema": {"type": "string"}}}}}
+    return {str(told.status): _json(told.summary + ".", TypeAdapter(told.answer).json_schema(ref_template=_REF + "{model}"))}
+
+
+def _json(description: str, schema: dict[str, Any]) -> dict[str, Any]:
+    schema.pop("$defs", None)  # they are among the components
+    return {"description": description, "content": {"application/json": {"schema": schema}}}
+
+
+def _page(rule: Rule) -> dict[str, Any]:
+    """A page of the browser, a script, a picture: whatever it is, it is no part of the API."""
+    kind = "text/html" if rule.endpoint.startswith("pages.") and "." not in rule.rule else "*/*"
+    content = {kind: {"schema": {"type": "string"}}}
+    page: dict[str, Any] = {
+        "summary": f"For browsers: {rule.rule}",
+        "responses": {
+            "2XX": {"description": "The page or file.", "content": content},
+            "4XX": {"description": "Why not, as a page.", "content": {"text/html": {"schema": {"type": "string"}}}},
+        },
+    }
+    parameters = _path_parameters(rule)
+    return {**page, "parameters": parameters} if parameters else page
+
+
+def _path_parameters(rule: Rule) -> list[dict[str, Any]]:
+    found = []
+    for match in _PARAMETER.finditer(rule.rule):
+        arguments = match["arguments"] or ""
+        limits = {key: int(number) for key, number in re.findall(r"(\w+)=(\d+)", arguments)}
+        schema: dict[str, Any] = {"type": "string", "minLength": 1}
+        if match["kind"] == "int":
+            schema = {"type": "integer", "minimum": limits.get("min", 0), "maximum": limits.get("max", bodies.MAX_ID)}
+        elif match["kind"] == "any":
+            schema = {"type": "string", "enum": [word.strip(" \"'") for word in arguments.split(",")]}
+        elif "length" in limits:
+            schema |= {"minLength": limits["length"], "maxLength": limits["length"]}
+        found.append({"name": match["name"], "in": "path", "required": True, "schema": schema})
+    return found
+
+
+def _query_parameters(query: type[BaseModel] | None) -> list[dict[str, Any]]:
+    if query is None:
+        return []
+    found = []
+    for name, schema in query.model_json_schema()["properties"].items():
+        kinds = [kind for kind in schema.pop("anyOf", ()) if kind != {"type": "null"}]  # a query has no null
+        shown = {
+            key: value for key, value in {**schema, **(kinds[0] if kinds else {})}.items() if key not in ("title", "default")
+        }
+        found.append({"name": name, "in": "query", "required": False, "schema": shown})
+    return found
+
+
+@cache
+def _schemas() -> dict[str, Any]:
+    """Every model that a route names, with those inside it."""
+    made: dict[str, Any] = {}
+    for told in ROUTES.values():
+        if told.answer not in (None, JPEG, EVENTS):
+            schema = TypeAdapter(told.answer).json_schema(mode="serialization", ref_template=_REF + "{model}")
+            made |= schema.get("$defs", {})
+            if isinstance(told.answer, type) and issubclass(told.answer, BaseModel):
+                made[told.answer.__name__] = {key: value for key, value in schema.items() if key != "$defs"}
+    bodies_told = {told.body for told in ROUTES.values() if told.body is not None}
+    models = sorted({*bodies_told, answers.Error}, key=lambda model: model.__name__)
+    _, described = models_json_schema([(model, "validation") for model in models], ref_template=_REF + "{model}")
+    return made | described["$defs"]

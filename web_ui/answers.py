@@ -1,0 +1,265 @@
+"""What the API answers, for its document: the fields that are always there. More may come with them."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Answer(BaseModel):
+    """A JSON object; fields that are not named here may be in it."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class Sensor(Answer):
+    """A camera: `age_s` is the age of its last good frame, null before the first."""
+
+    name: str
+    kind: str
+    state: str
+    age_s: float | None
+    fps: float
+    frames: int
+    drops: int
+    reconnects: int
+    bad_frames: int
+    message: str
+
+
+class SurveyProgress(Answer):
+    """The measurement under way."""
+
+    state: str
+    survey_id: int | None
+    frames_done: int
+    frames_wanted: int
+    position: str | None
+
+
+class Storage(Answer):
+    """Free space of the data folder, and a sentence where the database had to be set aside."""
+
+    free_mb: int
+    notice: str | None
+
+
+class ClockState(Answer):
+    """Where the box has its date from."""
+
+    source: Literal["rtc", "ntp", "browser", "none"]
+
+
+class Status(Answer):
+    """The box at this moment."""
+
+    version: str
+    uptime_s: float
+    cameras: list[Sensor]
+    survey: SurveyProgress
+    storage: Storage
+    clock: ClockState
+    workers_replaced: int
+
+
+class Live(Answer):
+    """The live estimate of the best camera."""
+
+    camera: str
+    frame: int
+    age_s: float
+
+
+class Cylinder(Answer):
+    """The fitted cylinder: a point of its axis, the axis' direction, and the radius, in metres of the camera frame."""
+
+    axis: list[float]
+    point: list[float]
+    radius: float
+
+
+class Cloud(Answer):
+    """At most 3000 points (m), with 1 for each that lies on the cylinder."""
+
+    points: list[list[float]]
+    inlier: list[int]
+    cylinder: Cylinder | None
+
+
+class Node(Answer):
+    """A manhole or other node."""
+
+    id: int
+    name: str
+    site: str
+    easting: float | None
+    northing: float | None
+    level: float | None
+
+
+class Pipe(Answer):
+    """A pipe between two nodes."""
+
+    id: int
+    name: str
+    start_node: int | None
+    end_node: int | None
+    material: str
+    shape: str
+    reference_dn: int | None
+    length_m: float | None
+    note: str
+
+
+class Begun(Answer):
+    """What was begun is stored under this number."""
+
+    survey_id: int
+
+
+class DnClass(Answer):
+    """A DN class with its probability."""
+
+    name: str
+    probability: float
+
+
+class Summary(Answer):
+    """A survey in the history."""
+
+    id: int
+    kind: str
+    created: str | None
+    clock_source: str
+    pipe_id: int | None
+    pipe: str | None
+    state: str
+    diameter_mm: float | None
+    interval_mm: list[float] | None
+    dn: DnClass | None
+    final_verdict: str | None
+    verdict_by: str | None
+    reasons: list[str]
+
+
+class Survey(Answer):
+    """One survey with its recordings and result."""
+
+    id: int
+    kind: str
+    created: str | None
+    clock_source: str
+    pipe: Pipe | None
+    state: str
+    recordings: list[dict[str, Any]]
+    result: dict[str, Any] | None
+    operator: dict[str, Any] | None
+    final_verdict: str | None
+    verdict_by: str | None
+
+
+class Encoder(Answer):
+    """The tether encoder with its calibration."""
+
+    name: str
+    state: str
+    age_s: float | None
+    message: str
+    counts_per_metre: float
+    direction: Literal[1, -1]
+
+
+class Drive(Answer):
+    """The drive under way, the CCTV and the tether."""
+
+    available: bool
+    state: str
+    survey_id: int | None
+    pipe_id: int | None
+    direction: str
+    chainage_m: float | None
+    sigma_m: float | None
+    speed_mps: float | None
+    seconds: float
+    frames: int
+    dropped: int
+    fps: float
+    grabber: dict[str, Any] | None
+    encoder: Encoder | None
+    prompts: list[dict[str, Any]]
+    counts: dict[str, int]
+
+
+class Landmark(Answer):
+    """Something that lies in the pipe: as measured, and what people said of it."""
+
+    id: int
+    chainage_m: float | None
+    status: str
+
+
+class Map(Answer):
+    """The map of a drive."""
+
+    survey_id: int
+    kind: str
+    state: str
+    created: str | None
+    pipe: Pipe | None
+    landmarks: list[Landmark]
+    rings: list[Any]
+    faults: list[dict[str, Any]]
+
+
+class Party(Answer):
+    """A paired device."""
+
+    id: str
+    name: str
+
+
+class AskingParty(Party):
+    """A paired device that asks for the control, and has it in `left_s` seconds without an answer."""
+
+    left_s: float
+
+
+class ControlState(Answer):
+    """Who controls the box and who asks."""
+
+    controller: Party | None
+    request: AskingParty | None
+
+
+class SessionState(Answer):
+    """The own session: for who is paired also its `id`, `name`, `csrf`, and the state of the control."""
+
+    paired: bool
+
+
+class PairedSession(SessionState, ControlState):
+    """The own session: `csrf` has to come with each change, as the header X-CSRF-Token."""
+
+    id: str
+    name: str
+    csrf: str
+
+
+class PairedDevice(Party):
+    """One of those who are paired."""
+
+    address: str
+    controls: bool
+    silent_s: float
+
+
+class Reason(BaseModel):
+    """A code for programs, a sentence for the operator."""
+
+    code: str
+    message: str
+
+
+class Error(BaseModel):
+    """Why not."""
+
+    error: Reason
