@@ -1,17 +1,19 @@
 """When the box begins and ends surveys by itself: the rules, as a state machine without clock, thread or file.
 
 Several times a second it is told what is ``Seen`` and answers with what to do. Every decision carries the moment that it is
-about: a halt is known to be the end of a survey only after a while, but the survey ended when the crawler stopped.
+about: that a halt was the end of a survey is known only after a while, but the survey ended when the crawler stopped.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from device.standstill import Standstill
 
 _MOVED_WITHIN_S = 10.0
+_VIEWS_S = 1.5
 _FASTEST, _JUMP_M = 1.0, 0.5
 """A counter that goes further than a crawler can (m/s, and m for its steps) has jumped."""
 
@@ -45,6 +47,7 @@ class Rules:
 REASONS = {
     "pipe_seen": "A pipe came into view.",
     "moved": "The crawler moved.",
+    "power_cut": "The power was cut.",
     "power_back": "The power came back in the middle of a survey; this one goes on where it was.",
     "standstill": "The crawler stood still.",
     "darkness": "It went dark.",
@@ -56,6 +59,7 @@ REASONS = {
     "voltage": "The supply's voltage was low.",
     "ended": "It was ended at the page, or failed.",
     "switched_off": "Logging by itself was switched off.",
+    "box_off": "The box was switched off.",
 }
 """Why a survey began or ended, or why none is begun."""
 
@@ -71,12 +75,14 @@ def wants_after(reason: str) -> Wants:
 @dataclass(frozen=True)
 class Crawling:
     """The crawler at one moment. ``pipe`` and ``lit`` of its picture, None without one; ``way_m`` what the counter says from
-    anywhere, ahead being more, None while it is silent; ``busy`` while a drive is under way, whoever began it."""
+    anywhere, None while it is silent; ``busy`` while a drive is under way, whoever began it; ``finishing`` while the last one
+    is smoothed and no other can begin."""
 
     lit: bool | None
     pipe: bool | None
     way_m: float | None
     busy: bool
+    finishing: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,6 +160,10 @@ class Autonomy:
             actions += self._aim.step(seen.time_s, seen.aiming)
         return actions
 
+    def refused(self) -> None:
+        """The drive that was to begin could not: it is tried again."""
+        self._drive.state = "waiting"
+
     def switch_off(self, time_s: float) -> list[Action]:
         """Nobody wants it any more."""
         return [Action("end", time_s, "switched_off")] if self._drive.state == "surveying" else []
@@ -188,6 +198,7 @@ class _Driving:
         self._rules = rules
         self.state: Literal["waiting", "surveying", "aside"] = "waiting"
         self._way = _Way()
+        self._views = _Views()
         self._still = Standstill()
         self._resumes = resumes
         self._pipe_since: float | None = None
@@ -206,7 +217,7 @@ class _Driving:
         """The least and the most that the counter said in this drive."""
 
     def step(self, now: float, seen: Crawling, held: str | None) -> list[Action]:
-        seen = replace(seen, way_m=self._way.add(now, seen.way_m))
+        seen = replace(seen, way_m=self._way.add(now, seen.way_m), pipe=self._views.add(now, seen.pipe))
         self._look(now, seen)
         if self.state == "surveying":
             if not seen.busy:
@@ -217,7 +228,7 @@ class _Driving:
             return []
         if self.state == "aside":
             self.state, self._wants = "waiting", "new view"
-        if held is not None:
+        if held is not None or seen.finishing:
             self._pipe_since = None  # what is seen meanwhile begins nothing later
             return []
         return self._begin_if(now, seen)
@@ -252,9 +263,9 @@ class _Driving:
         if self._wants or not seen.lit:
             return []
         if self._pipe_since is not None and now - self._pipe_since >= rules.seen_s:
-            return self._begin(now, self._pipe_since, "power_back" if self._resumes else "pipe_seen", seen)
+            return self._begin(now, "power_back" if self._resumes else "pipe_seen", seen)
         if self._went_blind(seen, rules.blind_m):
-            return self._begin(now, now, "moved", seen)
+            return self._begin(now, "moved", seen)
         return []
 
     def _view_is_gone(self, now: float, seen: Crawling) -> bool:
@@ -273,13 +284,13 @@ class _Driving:
             return False
         return abs(seen.way_m - self._lost_view_m) >= metres
 
-    def _begin(self, now: float, at_s: float, reason: str, seen: Crawling) -> list[Action]:
+    def _begin(self, now: float, reason: str, seen: Crawling) -> list[Action]:
         self.state, self._resumes, self._begun_s = "surveying", False, now
         self._saw_pipe = bool(seen.pipe)
         self._still.forget()  # the counter may be set anew as a drive begins
         self._furthest_m = self._reached = None
         self._forward = 0.0
-        return [Action("begin", at_s, reason)]
+        return [Action("begin", now, reason)]
 
     def _end_if(self, now: float, seen: Crawling, held: str | None) -> list[Action]:
         rules = self._rules
@@ -335,6 +346,28 @@ class _Driving:
         return self._end(now, "ended")
 
 
+class _Views:
+    """What most pictures of the last moments say: one of them may be taken for what it is not."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[float, bool]] = deque()
+        self._said: bool | None = None
+
+    def add(self, now: float, pipe: bool | None) -> bool | None:
+        """What this picture says; what they say. None without a picture."""
+        if pipe is None:
+            self._recent.clear()
+            self._said = None
+            return None
+        self._recent.append((now, pipe))
+        while self._recent[0][0] < now - _VIEWS_S:
+            self._recent.popleft()
+        pro = sum(one for _, one in self._recent)
+        if self._said is None or 2 * pro != len(self._recent):
+            self._said = 2 * pro > len(self._recent)
+        return self._said
+
+
 class _Way:
     """The counter without its jumps: it may be zeroed, or fall back by itself, and the crawler has not moved for that."""
 
@@ -382,4 +415,4 @@ class _Measuring:
             return []
         self._tried += 1
         self._last_s = now
-        return [Action("measure", self._pipe_since, "pipe_seen")]
+        return [Action("measure", now, "pipe_seen")]

@@ -64,7 +64,7 @@ class Bench:
         self.position = 0.0
         self.time_s = 0.0
         self.step = threading.Condition()
-        self._pictures = _Pictures()
+        self._pictures = PipePictures()
         self.tether: Tether | None = None
         self.feed: GrabberFeed | None = None
         self.device = Device(
@@ -206,10 +206,10 @@ def _position_of(bench: Bench, frame: VideoFrame) -> float:
     return bench.position - (bench.speed * (bench.time_s - frame.time_s) if bench.moving else 0.0)
 
 
-class _Pictures:
+class PipePictures:
     """A round pipe with a lively wall, lit from the camera."""
 
-    def __init__(self) -> None:
+    def __init__(self, contrast: float = 160.0) -> None:
         v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width].astype(np.float32)
         x, y = u - CENTRE[0], v - CENTRE[1]
         self._depth = CAMERA.fx * CAMERA.radius / np.maximum(np.hypot(x, y), 6.0)
@@ -219,7 +219,7 @@ class _Pictures:
         rough = rng.normal(0, 1, (1000, 96))
         for _ in range(2):
             rough = (rough + np.roll(rough, 1, 0) + np.roll(rough, 1, 1) + np.roll(rough, -1, 1)) / 4
-        self._wall = 120 + 160 * rough
+        self._wall = 120 + contrast * rough
         self._rng = rng
 
     def at(self, position: float) -> NDArray[np.uint8]:
