@@ -25,6 +25,7 @@ from drivers.virtual.crawler import DriveClock
 from drivers.virtual.detections import SeenLandmark, corrupted
 from drivers.virtual.drive import Drive, demo_drive
 from drivers.virtual.encoder import VirtualCount, VirtualEncoder
+from drivers.virtual.faults import FaultScript
 from drivers.virtual.grabber import Footage, VirtualGrabber, VirtualVideo
 from estimators.detections import Detection
 
@@ -102,15 +103,18 @@ def _readings(drive: Drive) -> Iterator[Reading]:
         counter.close()
 
 
-def virtual_crawler(seed: int, store: Store, on_change: Callable[[], None]) -> Crawler:
-    """The live virtual crawler."""
+def virtual_crawler(
+    seed: int, store: Store, on_change: Callable[[], None], faults: tuple[FaultScript, FaultScript] | None = None
+) -> Crawler:
+    """The live virtual crawler. ``faults`` are those of its grabber and of its encoder, for who wants to trigger some."""
+    of_grabber, of_encoder = faults or (FaultScript(), FaultScript())
     drive = demo_drive(seed)
     footage, clock, lamp = Footage(drive), DriveClock(drive.length_s), VirtualLamp()
     lamp.set(NOMINAL)  # until the box takes hold of it
     grabber = GrabberFeed(
-        "virtual CCTV", "virtual", lambda: VirtualGrabber(footage, clock, lamp=lamp), on_demand=True, on_change=on_change
+        "virtual CCTV", "virtual", lambda: VirtualGrabber(footage, clock, of_grabber, lamp), on_demand=True, on_change=on_change
     )
-    feed = EncoderFeed("virtual tether", "virtual", lambda: VirtualEncoder(drive, clock), on_change=on_change)
+    feed = EncoderFeed("virtual tether", "virtual", lambda: VirtualEncoder(drive, clock, of_encoder), on_change=on_change)
 
     def begin() -> None:
         """The crawler is set down at the start node; the counter must have seen it there before it is zeroed."""

@@ -26,6 +26,61 @@ class Sensor(Answer):
     message: str
 
 
+class Prompt(Answer):
+    """What the operator should know: `reason` is wrong, `remedy` helps."""
+
+    code: str
+    reason: str
+    remedy: str
+
+
+class Lamp(Answer):
+    """`level` 0 to 1 as set or chosen, `shining` at this moment (null while it fails)."""
+
+    name: str
+    automatic: bool
+    level: float
+    shining: float | None
+    resting: bool
+    message: str
+
+
+class SensorHealth(Answer):
+    """One source end to end, from a depth camera to the tether's encoder."""
+
+    role: str
+    name: str
+    state: str
+    age_s: float | None
+    fps: float
+    drops: int
+    bad: int
+    reconnects: int
+
+
+class Machine(Answer):
+    """The computer; null for what it does not tell."""
+
+    temperature_c: float | None
+    power: dict[str, bool] | None
+    memory_free_mb: int | None
+    usb: list[dict[str, Any]]
+    hotspot: Literal["up", "silent", "off", "unknown"]
+    wifi_clients: int | None
+
+
+class Health(Answer):
+    """Everything about the box itself."""
+
+    disk_free_mb: int
+    disk_total_mb: int
+    clock: Literal["rtc", "ntp", "browser", "none"]
+    machine: Machine
+    sensors: list[SensorHealth]
+    hotspot_restored: int
+    prompts: list[Prompt]
+
+
 class SurveyProgress(Answer):
     """The measurement under way."""
 

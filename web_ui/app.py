@@ -7,7 +7,7 @@ from flask import Flask
 from flask.json.provider import DefaultJSONProvider
 
 from device.json_text import dumps
-from web_ui import api, captive, events, faults, guards, pages, session
+from web_ui import api, box, captive, events, faults, guards, pages, session
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -37,5 +37,6 @@ def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_
     app.register_blueprint(api.blueprint(device))
     app.register_blueprint(events.blueprint(device, stream_cap))
     app.register_blueprint(pages.blueprint(device))
+    app.register_blueprint(box.blueprint(device))
     app.register_blueprint(captive.blueprint())
     return app

@@ -133,6 +133,13 @@ class EncoderBody(Body):
     direction: Literal[1, -1] = 1
 
 
+class LampBody(Body):
+    """How bright the lamp should be, or that the pictures say it; a level alone turns the automatic off."""
+
+    level: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
+    automatic: bool | None = None
+
+
 class ZeroBody(Body):
     """The crawler stands at this chainage now."""
 

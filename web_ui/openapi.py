@@ -83,6 +83,9 @@ ROUTES: dict[str, Told] = {
     "api.delete_survey": Told("Delete a survey; it can be restored", None, bodies.Empty, errors=(409,)),
     "api.restore_survey": Told("Undo a deletion", None, bodies.Empty),
     "api.clock": Told("The browser offers its time", None, bodies.ClockBody),
+    "box.health": Told("Everything about the box itself, and what the operator should know of it", answers.Health),
+    "box.lamp": Told("The lamp", answers.Lamp, errors=(404,)),
+    "box.set_lamp": Told("How bright the lamp is, or that it is automatic", answers.Lamp, bodies.LampBody, errors=(404,)),
     "api.document": Told("This document", dict[str, Any]),
     "events.stream": Told(
         "Events status, live, measurement, prompt, drive and control, one stream per tab",

@@ -20,6 +20,7 @@ import numpy as np
 from device.access import Access
 from device.bus import Bus, Subscription
 from device.errors import Busy, Invalid, NotFound
+from tests.browser.fake_box import FakeBox
 from tests.browser.fake_drive import FakeDrive
 from tests.pairing import PIN
 
@@ -147,7 +148,7 @@ def color_jpeg(number: int) -> bytes:
 
 
 @dataclass
-class FakeDevice(FakeDrive):
+class FakeDevice(FakeBox, FakeDrive):
     """The facade over canned answers; thread-safe enough for a web server."""
 
     scene: str = "good"
@@ -175,6 +176,7 @@ class FakeDevice(FakeDrive):
         self._depth = [depth_jpeg(n) for n in range(6)]
         self._color = [color_jpeg(n) for n in range(6)]
         self._threads: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
+        self.set_up_box()
         self.set_up_drive()
         self._start(self._publish)
 
@@ -221,6 +223,8 @@ class FakeDevice(FakeDrive):
             "survey": dict(self._survey),
             "storage": {"free_mb": 11840},
             "clock": {"source": self.clock_source},
+            "prompts": self.box_prompts(),
+            "lamp": self.lamp_state,
         }
 
     def live(self) -> Json | None:

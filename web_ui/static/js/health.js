@@ -1,13 +1,16 @@
 // The strip in the top bar: cameras, storage and clock, worst news first.
 
 import { byId, html, icon, setData, setIcon, setText } from "./dom.js";
-import { CAMERAS, CLOCKS, age } from "./words.js";
+import { CAMERAS, CLOCKS, SHORT, age } from "./words.js";
 
 const LOW_MB = 1000;
 const FULL_MB = 200;
+const TOLD = ["disk_low", "clock_unset"]; // by the rows of storage and clock
 const RANK = { good: 0, fair: 1, bad: 2 };
 
 const space = (megabytes) => (megabytes >= 1000 ? `${(megabytes / 1000).toFixed(1)} GB` : `${Math.round(megabytes)} MB`);
+
+const concern = (prompt) => ({ state: "fair", icon: "warning", short: SHORT[prompt.code] ?? "Box", title: prompt.reason, detail: prompt.remedy });
 
 export function healthItems(status) {
   const cameras = status.cameras.map((camera) => {
@@ -28,6 +31,7 @@ export function healthItems(status) {
     ...cameras,
     { ...storage, short: "Storage low", title: `Storage: ${space(free)} free`, detail: "" },
     { ...clock, short: clock.word, title: clock.word, detail: "" },
+    ...(status.prompts ?? []).filter((prompt) => !TOLD.includes(prompt.code)).map(concern),
   ];
 }
 
@@ -44,5 +48,6 @@ export function showHealth(status, link) {
     if (item.detail) words.append(html("span", { class: "small" }, item.detail));
     return html("li", { "data-state": item.state }, [icon(item.icon), words]);
   });
-  byId("health-body").replaceChildren(html("ul", {}, rows), html("p", { class: "small" }, [`borescout ${status.version} · `, html("a", { href: "/pair" }, "Paired devices and control")]));
+  const more = html("p", {}, [html("a", { href: "/health" }, "Everything about the box")]);
+  byId("health-body").replaceChildren(html("ul", {}, rows), more, html("p", { class: "small" }, [`borescout ${status.version} · `, html("a", { href: "/pair" }, "Paired devices and control")]));
 }

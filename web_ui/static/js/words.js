@@ -21,6 +21,18 @@ export const CLOCKS = {
   ntp: { word: "Clock from the network", state: "good", icon: "accept" },
 };
 
+// What matters of the box itself, for the top bar.
+export const SHORT = {
+  under_voltage: "Low voltage",
+  was_under_voltage: "Was low voltage",
+  too_hot: "Too hot",
+  hot: "Hot",
+  slowed: "Slowed down",
+  memory_low: "Memory low",
+  usb_slow: "Slow USB",
+  hotspot_silent: "Hotspot silent",
+};
+
 export function age(seconds) {
   if (seconds === null || !Number.isFinite(seconds)) return "never";
   if (seconds < 10) return `${seconds.toFixed(1)} s`;
