@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from device.autonomy import Rules
+from device.detectors import EVERY
 from device.errors import Invalid
 
 CameraKind = Literal["realsense", "oak", "replay", "virtual"]
@@ -45,6 +46,8 @@ class CrawlerSettings(BaseModel):
     """Until it is set or calibrated on the page; 1 for a counter that shows metres."""
     osd_region: tuple[int, int, int, int] | None = None
     """Left, top, width and height (px) of the burned-in distance; found by itself where it is not given."""
+    detect_every: int = Field(EVERY, ge=1, le=100)
+    """The network looks at each so manieth picture; the survey predicts in between."""
     radius_m: float | None = Field(None, gt=0, le=5)
     """Interior radius, for a pipe whose DN is not known."""
     focal_px: tuple[float, float] | None = None

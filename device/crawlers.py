@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from device.config import CrawlerSettings, LampSettings, Settings
@@ -38,7 +39,7 @@ def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]
         reader=_reader(crawler),
         optics=Optics(crawler.focal_px, crawler.centre_px),
         radius=crawler.radius_m,
-        detector=_detector,
+        detector=partial(_detector, crawler.detect_every),
         lamp=make_lamp(settings.lamp),
     )
 
@@ -51,11 +52,11 @@ def make_lamp(settings: LampSettings) -> Lamp | None:
     return lamp
 
 
-def _detector() -> Detector:
-    """The shipped network; loaded when a drive begins."""
+def _detector(every: int) -> Detector:
+    """The shipped network, looking at each ``every``-th picture; loaded when a drive begins."""
     from device.fcdd_detector import shipped_detector
 
-    return shipped_detector()
+    return shipped_detector(every=every)
 
 
 def _grabber(settings: CrawlerSettings, on_change: Callable[[], None]) -> GrabberFeed | None:

@@ -7,6 +7,9 @@ from typing import Protocol
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 
+EVERY = 2
+"""The network looks at every second picture: a crawler moves a centimetre between two, and the survey predicts in between."""
+
 
 class Detector(Protocol):
     """Finds landmarks in single pictures."""

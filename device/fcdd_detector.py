@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from device.detectors import EVERY
 from device.fcdd_model import fastest_model, load_model
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.fcdd import Fcdd
-
-EVERY = 2
-"""A crawler moves a centimetre between two pictures: the survey predicts in between."""
 
 
 class FcddDetector:

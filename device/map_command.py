@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from device.detections_file import read_detections, read_rig
-from device.detectors import Detector
+from device.detectors import EVERY, Detector
 from device.errors import Invalid
 from device.json_text import dumps
 from device.map_output import print_map
@@ -58,6 +58,7 @@ Map = dict[str, Any]
 @click.option("--focal", type=(float, float), help="Focal lengths fx fy (px).")
 @click.option("--centre", type=(float, float), help="Principal point (px); the middle of the picture if not given.")
 @click.option("--focal-radius", type=float, help="f * R (px m), where focal length and radius are not known apart.")
+@click.option("--every", type=click.IntRange(1, 100), default=EVERY, show_default=True, help="Pictures to a look.")
 @click.option("--length", type=float, help="Way from the first frame to the last (m), such as from node to node.")
 @click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), help="Save the unrolled map here (.png).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of a table.")
@@ -109,6 +110,7 @@ class Options:
     length: float | None
     picture: Path | None
     as_json: bool
+    every: int = EVERY
 
     def check(self) -> None:
         """Raises Invalid for what does not go together."""
@@ -196,7 +198,7 @@ def _recording(wanted: Options) -> Map:
     recording = _Recording(wanted)
     way = recording.way()
     setup = replace(wanted.setup(), sparse=recording.sparse)
-    return map_frames(recording.frames(), recording.count, way, setup, shipped_detector(), wanted.length)
+    return map_frames(recording.frames(), recording.count, way, setup, shipped_detector(every=wanted.every), wanted.length)
 
 
 class _Recording:

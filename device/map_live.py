@@ -53,7 +53,7 @@ def _drive(wanted: Options, grabber: GrabberFeed, encoder: EncoderFeed | None) -
     if encoder is not None and encoder.latest is not None:
         calibration = calibration.zeroed_at(encoder.latest)
     placing = Placing(calibration, None if encoder is not None else OsdEncoder(OsdReader(wanted.region())))
-    pipeline = LandmarkPipeline(wanted.setup(), shipped_detector())
+    pipeline = LandmarkPipeline(wanted.setup(), shipped_detector(every=wanted.every))
     faults = FaultWatch()
     frames = grabber.tap(2)
     readings = None if encoder is None else encoder.tap(4096)
