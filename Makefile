@@ -46,7 +46,7 @@ bench: dev
 	$(BIN)/python -m tests.bench
 
 lock: dev
-	$(BIN)/pip-compile --quiet --strip-extras --generate-hashes --no-emit-index-url --no-emit-find-links --no-header --output-file requirements/run.txt pyproject.toml requirements/build.in
+	$(BIN)/pip-compile --quiet --strip-extras --generate-hashes --no-emit-index-url --no-emit-find-links --no-header --extra batch --output-file requirements/run.txt pyproject.toml requirements/build.in
 	$(BIN)/pip-compile --quiet --strip-extras --generate-hashes --no-emit-index-url --no-emit-find-links --no-header --allow-unsafe --output-file requirements/dev.txt requirements/dev.in
 
 clean:

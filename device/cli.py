@@ -29,6 +29,7 @@ class LazyCommands(click.Group):
     """Commands that are loaded when they are asked for: ``--help`` must not wait for OpenCV on a small computer."""
 
     lazy: ClassVar = {
+        "batch": ("device.batch_command:batch", "Convert a folder of inspections."),
         "demo-inspection": ("device.export_command:demo", "Put a complete virtual inspection into the store."),
         "doctor": ("device.doctor:doctor", "Look at everything the box needs."),
         "export": ("device.export_command:export_inspection", "Write an inspection in the formats of the trade."),
@@ -36,6 +37,8 @@ class LazyCommands(click.Group):
         "label": ("device.label:label", "Print the label of the box: Wi-Fi, page and PIN."),
         "map": ("device.map_command:map_pipe", "Map a pipe from CCTV and tether."),
         "measure": ("device.measure_command:measure", "Measure the diameter of a pipe."),
+        "recordings": ("device.recordings_command:recordings", "List, check, recover, prune, export raw data of surveys."),
+        "replay": ("device.replay_command:replay_recording", "Compute a recorded survey again and compare."),
         "serve": ("device.serve_command:serve", "Run the box: read the cameras, serve the page."),
         "virtual-campaign": ("device.campaign:virtual_campaign", "Measure many virtual pipes and count the errors."),
     }

@@ -50,7 +50,7 @@ Map = dict[str, Any]
 @click.option("--encoder", type=click.Choice(SERIAL), help="With --grabber: the tether encoder.")
 @click.option("--port", help="Its serial port.")
 @click.option("--baud", type=int, help="Its baud rate, where it is not the usual one.")
-@click.option("--pattern", help="With --encoder pattern: a regular expression with a group named value.")
+@click.option("--pattern", help="With --encoder pattern: a regular expression with a group named distance or count.")
 @click.option("--counts-per-metre", type=float, default=1.0, show_default=True, help="Counts of the encoder to a metre.")
 @click.option("--osd", is_flag=False, flag_value="auto", help="Read the burned-in distance; X,Y,W,H or auto says where.")
 @click.option("--distance-csv", type=click.Path(path_type=Path), help="A CSV with time_s (or frame) and distance_m.")
@@ -67,14 +67,12 @@ def map_pipe(**options: Any) -> int:
     wanted = Options(**options)
     wanted.check()
     begun = time.monotonic()
-    if wanted.detections is not None:
-        found = _from_detections(wanted)
-    elif wanted.grabber is not None:
+    if wanted.grabber is not None:
         from device.map_live import map_live  # threads and ports, which a recording does without
 
         found = map_live(wanted)
     else:
-        found = _recording(wanted)
+        found = map_source(wanted)
     found["seconds"] = round(time.monotonic() - begun, 3)
     if wanted.picture is not None:
         save_map_picture(wanted.picture, found)
@@ -89,27 +87,27 @@ def map_pipe(**options: Any) -> int:
 class Options:
     """The command line."""
 
-    virtual: bool
-    seed: int
-    video: Path | None
-    stills: Path | None
-    grabber: str | None
-    detections: Path | None
-    rig: Path | None
-    encoder: str | None
-    port: str | None
-    baud: int | None
-    pattern: str | None
-    counts_per_metre: float
-    osd: str | None
-    distance_csv: Path | None
-    radius: float | None
-    focal: tuple[float, float] | None
-    centre: tuple[float, float] | None
-    focal_radius: float | None
-    length: float | None
-    picture: Path | None
-    as_json: bool
+    virtual: bool = False
+    seed: int = 1
+    video: Path | None = None
+    stills: Path | None = None
+    grabber: str | None = None
+    detections: Path | None = None
+    rig: Path | None = None
+    encoder: str | None = None
+    port: str | None = None
+    baud: int | None = None
+    pattern: str | None = None
+    counts_per_metre: float = 1.0
+    osd: str | None = None
+    distance_csv: Path | None = None
+    radius: float | None = None
+    focal: tuple[float, float] | None = None
+    centre: tuple[float, float] | None = None
+    focal_radius: float | None = None
+    length: float | None = None
+    picture: Path | None = None
+    as_json: bool = False
     every: int = EVERY
 
     def check(self) -> None:
@@ -163,6 +161,12 @@ class Options:
         except ValueError:
             raise Invalid(f"The option --osd takes X,Y,W,H in pixels or auto, not {self.osd}.") from None
         return x, y, width, height
+
+
+def map_source(wanted: Options) -> Map:
+    """The map of what lies there as a whole: a recording, the virtual drive, or a table of detections. Raises Invalid, or a
+    DriverError that says what is missing."""
+    return _recording(wanted) if wanted.detections is None else _from_detections(wanted)
 
 
 def _from_detections(wanted: Options) -> Map:

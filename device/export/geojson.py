@@ -8,7 +8,7 @@ from typing import Any
 from device.errors import Invalid
 from device.export.base import Options
 from device.inspections.codes import codes
-from device.inspections.model import Inspection
+from device.inspections.model import Inspection, NodeRecord
 from device.json_text import dumps
 
 
@@ -17,7 +17,7 @@ def geojson(inspection: Inspection, options: Options) -> bytes:
 
     Raises Invalid where a node has no coordinates or the site no reference system.
     """
-    start, end = _place(inspection, inspection.start.name), _place(inspection, inspection.end.name)
+    start, end = place_of(inspection.start, inspection.crs), place_of(inspection.end, inspection.crs)
     length = _length(inspection)
     features = [
         _feature(
@@ -92,25 +92,24 @@ def _length(inspection: Inspection) -> float:
     return length
 
 
-def _place(inspection: Inspection, name: str) -> tuple[float, float]:
-    """(longitude, latitude) of a node."""
-    node = inspection.pipe.upstream if inspection.pipe.upstream.name == name else inspection.pipe.downstream
+def place_of(node: NodeRecord, crs: int | None) -> tuple[float, float]:
+    """(longitude, latitude) of a node whose coordinates are in EPSG ``crs``. Raises Invalid."""
     if node.easting is None or node.northing is None:
-        raise Invalid(f"The node {name} has no coordinates: enter them, then export again.")
-    if inspection.crs is None:
+        raise Invalid(f"The node {node.name} has no coordinates: enter them, then export again.")
+    if crs is None:
         raise Invalid("The reference system of the coordinates is not known: enter its EPSG number at the site.")
-    if inspection.crs == 4326:
+    if crs == 4326:
         place = node.easting, node.northing
     else:
         from pyproj import Transformer  # here, since it brings its data base along
         from pyproj.exceptions import CRSError
 
         try:
-            place = Transformer.from_crs(inspection.crs, 4326, always_xy=True).transform(node.easting, node.northing)
+            place = Transformer.from_crs(crs, 4326, always_xy=True).transform(node.easting, node.northing)
         except CRSError:
-            raise Invalid(f"EPSG:{inspection.crs} is no reference system.") from None
+            raise Invalid(f"EPSG:{crs} is no reference system.") from None
     if not all(math.isfinite(value) for value in place) or abs(place[0]) > 180 or abs(place[1]) > 90:
-        raise Invalid(f"The coordinates of the node {name} do not lie in EPSG:{inspection.crs}: check both.")
+        raise Invalid(f"The coordinates of the node {node.name} do not lie in EPSG:{crs}: check both.")
     return float(place[0]), float(place[1])
 
 
