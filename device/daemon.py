@@ -34,6 +34,7 @@ from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
 from device.recorder import Shelf
 from device.recorder.policy import MB, DiskPolicy
+from device.recorder.shelf import FOLDER
 from device.store import Store
 from device.store.surveys import QUESTIONS
 from device.surveys.diameter import DiameterSurvey
@@ -95,7 +96,7 @@ class Device:
             self._lock_file.close()
             raise
         self._shelf = Shelf(
-            settings.data_dir / "recordings",
+            settings.data_dir / FOLDER,
             _disk_policy(settings),
             enabled=settings.recording.enabled,
             part_bytes=settings.recording.part_mb * MB,

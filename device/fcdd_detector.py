@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from device.detectors import EVERY
-from device.fcdd_model import fastest_model, load_model
+from device.errors import Invalid
+from device.fcdd_model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.fcdd import Fcdd
@@ -20,6 +21,7 @@ class FcddDetector:
         if every < 1:
             raise ValueError(f"The network looks at every first picture at most, not at every {every}th.")
         self._network, self._every = network, every
+        self.model = network.sha256
         self._pictures = 0
 
     def detect(self, frame: VideoFrame) -> tuple[Detection, ...] | None:
@@ -28,6 +30,16 @@ class FcddDetector:
         if (self._pictures - 1) % self._every:
             return None
         return tuple(self._network.detect(frame.image))
+
+
+def same_detector(sha256: str, model: Path | None = None, threads: int = 1) -> FcddDetector:
+    """The detector whose model has this checksum: a shipped one, or ``model``. Raises Invalid with one sentence."""
+    for path in (SHIPPED, SHIPPED_INT8) if model is None else (model,):
+        found = load_model(path, threads)
+        if found.sha256 == sha256:
+            return FcddDetector(found)
+    where = "This program does not ship the model" if model is None else f"The file {model} is not the model"
+    raise Invalid(f"{where} that this was recorded with ({sha256[:12]}): name it with --model, or use --recorded-detections.")
 
 
 def shipped_detector(model: Path | None = None, every: int = EVERY, threads: int = 1) -> FcddDetector:

@@ -6,6 +6,7 @@ it wants are in its metadata. It is run by onnxruntime, which has wheels for a R
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -82,6 +83,8 @@ class Fcdd:
             self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime has no common base for what it raises on a damaged file
             raise ModelBroken("is not a whole ONNX model") from error
+        self.sha256 = hashlib.sha256(model).hexdigest()
+        """Of the model: what it says can be told again only by the very same one."""
         self.card = card_of(self._session.get_modelmeta().custom_metadata_map)
         self._input = self._session.get_inputs()[0].name
 

@@ -44,7 +44,8 @@ class Schema:
         return "protobuf" if self.encoding == "protobuf" else "json"
 
 
-def _foxglove(message: Any) -> Schema:
+def foxglove_schema(message: Any) -> Schema:
+    """The schema of one of Foxglove's own messages."""
     return Schema(message.DESCRIPTOR.full_name, "protobuf", build_file_descriptor_set(message).SerializeToString())
 
 
@@ -53,10 +54,10 @@ def _json(name: str, **properties: str) -> Schema:
     return Schema(f"borescout.{name}", "jsonschema", json.dumps({"type": "object", "properties": told}).encode())
 
 
-RAW_IMAGE = _foxglove(RawImage)
-COMPRESSED_IMAGE = _foxglove(CompressedImage)
-CAMERA_CALIBRATION = _foxglove(CameraCalibration)
-LOG = _foxglove(Log)
+RAW_IMAGE = foxglove_schema(RawImage)
+COMPRESSED_IMAGE = foxglove_schema(CompressedImage)
+CAMERA_CALIBRATION = foxglove_schema(CameraCalibration)
+LOG = foxglove_schema(Log)
 DEPTH_FRAME = _json(
     "DepthFrame",
     number="integer",

@@ -18,6 +18,8 @@ from device.recorder.scan import ends_well
 
 log = logging.getLogger(__name__)
 
+FOLDER = "recordings"
+"""In the data folder."""
 TURNED_OFF = "Recording is turned off in the settings."
 
 

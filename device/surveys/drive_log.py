@@ -13,12 +13,13 @@ from device.recorder.developing import DevelopingTap
 from device.recorder.samples import Words
 from device.recorder.schemas import topic_name
 from device.recorder.versions import versions
-from device.surveys.landmark_pipeline import PipelineSetup, Step, log_entry
+from device.surveys.landmark_pipeline import PipelineSetup, Step
 from device.surveys.topics import ENDED, FINDINGS, MARKS, NUMBERS, PROMPTED, STEPS
 from device.tap import Tap
 from drivers.encoder.base import Reading
 from drivers.encoder.calibration import Calibration
 from drivers.grabber.base import VideoFrame
+from estimators.landmarks.types import Observation
 
 TETHER = "/tether"
 
@@ -35,6 +36,19 @@ def head(
         "detector": {"name": detector.name, "model": getattr(detector, "model", None)},
         "seed": seed,
         "settings": settings,
+    }
+
+
+def _seen(seen: Observation) -> dict[str, Any]:
+    """What was made of a picture, in full: of a detector that cannot be asked again a replay takes the detections from here."""
+    view = seen.view
+    return {
+        "chainage_m": view.position,
+        "chainage_std_m": seen.position_std,
+        "centre_px": view.centre,
+        "centre_std_px": seen.centre_std,
+        "axis_m": view.axis,
+        "detections": None if seen.detections is None else [list(vars(one).values()) for one in seen.detections],
     }
 
 
@@ -64,7 +78,7 @@ class DriveLog:
         if step is None:
             told["paused"] = True
         elif step.seen is not None:
-            told["entry"] = log_entry(step.seen)
+            told |= _seen(step.seen)
         self.recorder.write(STEPS, told)
 
     def numbered(self, numbers: dict[int, int]) -> None:

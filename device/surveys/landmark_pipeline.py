@@ -156,7 +156,7 @@ class LandmarkPipeline:
         if "slip" in look.codes or "image_stands" in look.codes:
             self._suspected.append(frame.time_s)
         self._low, self._high = min(self._low, position.chainage), max(self._high, position.chainage)
-        self._log.append(log_entry(seen))
+        self._log.append(_entry(seen))
         return Step(frame.time_s, frame.number, position, view, look, look.codes, seen)
 
     @property
@@ -189,7 +189,7 @@ class LandmarkPipeline:
         return (None, None) if self._low > self._high else (round(self._low, 3), round(self._high, 3))
 
     def log_entries(self) -> list[Any]:
-        """What is to be kept so that the drive can be mapped again, see ``log_entry``; what was not kept yet."""
+        """What is to be kept so that the drive can be mapped again, see ``_entry``; what was not kept yet."""
         return list(self._log)
 
     def log_was_kept(self, count: int) -> None:
@@ -290,7 +290,7 @@ def cut_out(image: Image, evidence: Evidence) -> Image:
     return image[top : top + side, left : left + side].copy()
 
 
-def log_entry(seen: Observation) -> list[Any]:
+def _entry(seen: Observation) -> list[Any]:
     """[frame, time_s, position, its std, centre u, v, its std, axis right, down, detections]; a detection is
     [u, v, class, score, area], and there are none (null) where the detector did not look."""
     view = seen.view

@@ -150,7 +150,7 @@ class Recording:
             estimate = None
         with self._change:
             self._pending.discard(future)
-            self.take.add(index, frame, estimate)
+            self.take.add(index, None if estimate is None else (frame, estimate))
             self._change.notify_all()
         self._note(ESTIMATES, {"camera": self.feed.name, "seed": index, **_told(estimate)})
         if estimate is not None:

@@ -18,19 +18,19 @@ class Take:
         self.kept: tuple[DepthFrame, FrameEstimate] | None = None
         """The picture nearest to the median diameter so far, for the cloud and the colour picture."""
         self._next = 0
-        self._early: dict[int, tuple[DepthFrame, FrameEstimate | None]] = {}
+        self._early: dict[int, tuple[DepthFrame, FrameEstimate] | None] = {}
 
-    def add(self, index: int, frame: DepthFrame, estimate: FrameEstimate | None) -> None:
-        """The estimate of the ``index``-th frame, None where it failed."""
-        self._early[index] = frame, estimate
+    def add(self, index: int, found: tuple[DepthFrame, FrameEstimate] | None) -> None:
+        """The ``index``-th frame with its estimate, None where that failed."""
+        self._early[index] = found
         while self._next in self._early:
-            frame, estimate = self._early.pop(self._next)
+            found = self._early.pop(self._next)
             self._next += 1
-            if estimate is None:
+            if found is None:
                 self.failed += 1
-                continue
-            self.estimates.append(estimate)
-            self._keep(frame, estimate)
+            else:
+                self.estimates.append(found[1])
+                self._keep(*found)
 
     def _keep(self, frame: DepthFrame, estimate: FrameEstimate) -> None:
         if estimate.diameter is None:

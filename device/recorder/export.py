@@ -1,0 +1,162 @@
+"""A recording as plain files: pictures with a manifest that ``borescout measure --replay`` reads, tables, and point clouds."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TextIO
+
+import cv2
+import numpy as np
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from device.errors import Invalid
+from device.json_text import dumps
+from device.recorder.reader import Entry, open_recording
+from device.recorder.samples import Picture, Words
+from device.recorder.schemas import Message, foxglove_schema
+from device.recorder.writer import LogWriter
+from drivers.depth.base import DepthFrame
+from drivers.encoder.base import Reading
+from estimators.pinhole import rays
+
+MANIFEST, READINGS, NOTES, PICTURES, CLOUDS = "manifest.json", "tether.csv", "notes.jsonl", "pictures.csv", "clouds.mcap"
+_THIN = 2
+"""Every second pixel of every second row: as many points as can be looked at."""
+
+
+def export_recording(path: Path, folder: Path, clouds: bool = False) -> dict[str, int]:
+    """Write the recording that ``path`` is a part of into the new ``folder``; how much of what. Raises Invalid."""
+    recording = open_recording(path)
+    if folder.exists() and any(folder.iterdir()):
+        raise Invalid(f"The folder {folder} is not empty: name another with --to.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with _Export(folder, clouds, recording.head) as export:
+            for entry in recording.entries():
+                export.add(entry)
+    except OSError as error:
+        raise Invalid(f"The recording cannot be written to {folder}: {error.strerror}.") from None
+    return dict(export.counts)
+
+
+class _Export:
+    """The files of one export; each is begun when the first thing comes that belongs in it."""
+
+    def __init__(self, folder: Path, clouds: bool, head: dict[str, Any]) -> None:
+        self.counts: Counter[str] = Counter()
+        self._folder = folder
+        self._clouds = clouds
+        self._about = {"pipe": (head.get("pipe") or {}).get("name"), "position": head.get("position")}
+        self._cloud_log: LogWriter | None = None
+        self._manifest: list[dict[str, Any]] = []
+        self._files: dict[str, TextIO] = {}
+
+    def __enter__(self) -> _Export:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        for file in self._files.values():
+            file.close()
+        if self._manifest:
+            (self._folder / MANIFEST).write_text(json.dumps(self._manifest, indent=1) + "\n", encoding="utf-8")
+        if self._cloud_log is not None:
+            self._cloud_log.finish()
+
+    def add(self, entry: Entry) -> None:
+        """One sample."""
+        sample = entry.sample
+        if isinstance(sample, DepthFrame):
+            self._depth(entry.topic, sample, entry.log_ns)
+        elif isinstance(sample, Picture):
+            self._picture(entry.topic, sample)
+        elif isinstance(sample, Reading):
+            told = vars(sample)
+            self._row(READINGS, list(told), ["" if value is None else value for value in told.values()])
+            self.counts["readings"] += 1
+        else:
+            note: Any = asdict(sample) if isinstance(sample, Words) else sample
+            self._open(NOTES).write(dumps({"topic": entry.topic, "log_ns": entry.log_ns, "told": note}) + "\n")
+            self.counts["notes"] += 1
+
+    def _depth(self, topic: str, frame: DepthFrame, log_ns: int) -> None:
+        name = topic.strip("/").replace("/", "-")
+        stem = f"{name}/{frame.number:08d}"
+        (self._folder / name).mkdir(exist_ok=True)
+        self._write(f"{stem}-depth.png", lambda file: cv2.imwrite(file, frame.depth))
+        told: dict[str, Any] = {
+            "depth": f"{stem}-depth.png",
+            **{key: value or "unknown" for key, value in self._about.items()},
+            "recording": name,
+            "depth_unit_m": frame.depth_unit_m,
+            "intrinsics": asdict(frame.intrinsics),
+            "number": frame.number,
+            "monotonic_ns": frame.monotonic_ns,
+        }
+        color = frame.color
+        if color is not None:
+            told["color"] = f"{stem}-color.png"
+            self._write(told["color"], lambda file: cv2.imwrite(file, color))
+        self._manifest.append(told)
+        self.counts["depth pictures"] += 1
+        if self._clouds:
+            self._cloud(topic, frame, log_ns)
+
+    def _picture(self, topic: str, picture: Picture) -> None:
+        """The very bytes that were recorded."""
+        name = topic.strip("/").replace("/", "-")
+        (self._folder / name).mkdir(exist_ok=True)
+        file = f"{name}/{picture.number:08d}.jpg"
+        (self._folder / file).write_bytes(picture.jpeg)
+        row = [file, picture.number, picture.monotonic_ns, "" if picture.media_s is None else picture.media_s]
+        self._row(PICTURES, ["file", "number", "monotonic_ns", "media_s"], row)
+        self.counts["pictures"] += 1
+
+    def _cloud(self, topic: str, frame: DepthFrame, log_ns: int) -> None:
+        if self._cloud_log is None:
+            self._cloud_log = LogWriter(self._folder / CLOUDS, {"kind": "clouds"}, log_ns)
+        message = Message(f"{topic}/points", foxglove_schema(PointCloud), point_cloud(topic, frame, log_ns))
+        self._cloud_log.write([message], log_ns, log_ns, frame.number)
+        self.counts["point clouds"] += 1
+
+    def _write(self, file: str, write: Callable[[str], bool]) -> None:
+        if not write(str(self._folder / file)):
+            raise OSError(0, f"the picture {file} could not be written")
+
+    def _row(self, file: str, names: list[str], row: list[Any]) -> None:
+        known = file in self._files
+        table = csv.writer(self._open(file))
+        if not known:
+            table.writerow(names)
+        table.writerow(row)
+
+    def _open(self, file: str) -> TextIO:
+        if file not in self._files:
+            self._files[file] = (self._folder / file).open("w", encoding="utf-8", newline="")
+        return self._files[file]
+
+
+def point_cloud(topic: str, frame: DepthFrame, log_ns: int) -> bytes:
+    """A foxglove.PointCloud of the frame, in metres in the camera's frame (x right, y down, z forward), thinned."""
+    z = frame.depth[::_THIN, ::_THIN].astype(np.float32) * np.float32(frame.depth_unit_m)
+    seen = z > 0
+    xy = rays(frame.intrinsics)[::_THIN, ::_THIN][seen] * z[seen][:, None]
+    points = np.column_stack([xy, z[seen]]).astype("<f4")
+    cloud = PointCloud(
+        timestamp=Timestamp(seconds=log_ns // 10**9, nanos=log_ns % 10**9),
+        frame_id=topic.rpartition("/")[2],
+        point_stride=12,
+        fields=[
+            PackedElementField(name=name, offset=4 * k, type=PackedElementField.NumericType.FLOAT32)
+            for k, name in enumerate("xyz")
+        ],
+        data=points.tobytes(),
+    )
+    cloud.pose.orientation.w = 1.0
+    return bytes(cloud.SerializeToString())
