@@ -55,6 +55,10 @@ class Empty(BadFrame):
     """The source sends samples with nothing in them."""
 
 
+class Garbled(BadFrame):
+    """The source sends what it cannot have seen."""
+
+
 class Sink(Protocol[S]):
     """Whom a reader reports to. Reports of a reader that is no longer wanted are ignored by it."""
 
@@ -100,7 +104,7 @@ class Reader(Generic[S]):
         self._number: int | None = None
         self._samples_to_prove = 0
         self._fingerprint: int | None = None
-        self._repeats = self._empties = 0
+        self._repeats = self._empties = self._garbled = 0
         self._missing = False
         self.thread = threading.Thread(target=self._run, name=f"reader of {name}", daemon=True)
 
@@ -156,6 +160,7 @@ class Reader(Generic[S]):
         if self._source is None:
             self._source = self._timed("make", self._timing.open_limit_s, self._make)
         self._timed("open", self._timing.open_limit_s, self._source.open)
+        self._garbled = 0
         self._number = None  # but not the fingerprint: a source that shows the old picture after reopening is still frozen
         self._repeats = self._empties = 0
         self._sink.opened(self)
@@ -209,6 +214,13 @@ class Reader(Generic[S]):
             self._number = number
             self._empties = self._empties + 1 if empty else 0
             self._repeats = self._repeats + 1 if repeated else 0
+            if not empty and rules.garbled(sample):
+                self._garbled += 1
+                self._sink.bad_sample(self)
+                if self._garbled >= self._timing.repeats_before_frozen:
+                    raise Garbled(rules.words.garbled)
+                return False
+            self._garbled = 0
             if empty or repeated:
                 self._sink.bad_sample(self, empty)
                 if self._repeats >= self._timing.repeats_before_frozen:

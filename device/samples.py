@@ -47,6 +47,7 @@ class Wording:
     stuck: str
     frozen: str
     empty: str
+    garbled: str
 
 
 @dataclass(frozen=True)
@@ -55,12 +56,14 @@ class Sampling(Generic[S]):
 
     ``number`` counts as the sensor counts, None where it does not. ``fingerprint`` tells one sample from the next; None where
     the same value again and again is no fault (a tether that stands still). ``empty``: it came, and nothing is in it.
+    ``garbled``: it came, and is nothing that the sensor can have seen.
     """
 
     words: Wording
     number: Callable[[S], int | None]
     fingerprint: Callable[[S], int] | None
     empty: Callable[[S], bool]
+    garbled: Callable[[S], bool]
 
 
 _UNPLUG = "unplug it, plug it in again, and restart the box if that does not help."
@@ -68,6 +71,22 @@ _UNPLUG = "unplug it, plug it in again, and restart the box if that does not hel
 
 def _depth_print(frame: DepthFrame) -> int:
     return zlib.crc32(np.ascontiguousarray(frame.depth[::4]).data)
+
+
+_JUMP = 0.3
+_GARBLED_JUMPS = 0.4
+"""Share of neighbouring pixels whose depths differ by more than ``_JUMP`` of the larger one: below 1 % in each of
+63 real recordings, 70 % in random bytes."""
+_FEW_PAIRS = 500
+
+
+def _garbled_depth(frame: DepthFrame) -> bool:
+    rows = frame.depth[::16].astype(np.int32)
+    left, right = rows[:, :-1], rows[:, 1:]
+    seen = (left > 0) & (right > 0)
+    pairs = int(seen.sum())
+    jumps = (np.abs(left - right) > _JUMP * np.maximum(left, right)) & seen
+    return pairs >= _FEW_PAIRS and int(jumps.sum()) > _GARBLED_JUMPS * pairs
 
 
 DEPTH: Sampling[DepthFrame] = Sampling(
@@ -79,10 +98,12 @@ DEPTH: Sampling[DepthFrame] = Sampling(
         f"The camera does not answer at all: {_UNPLUG}",
         "The camera sends the same picture again and again; it is being restarted.",
         "The depth picture is empty: is the window covered, or is it too dark?",
+        "The depth picture is garbled: check the camera's cable and its power.",
     ),
     lambda frame: frame.number,
     _depth_print,
     lambda frame: not frame.depth.any(),
+    _garbled_depth,
 )
 
 _EVEN = 3
@@ -98,6 +119,14 @@ def _no_signal(frame: VideoFrame) -> bool:
     return bool(np.all(thinned.max(axis=0).astype(int) - thinned.min(axis=0) <= _EVEN))
 
 
+_GARBLED_STEP = 50.0
+"""Mean difference of neighbouring pixels, in grey levels: at most 24 in 705 real pictures, 85 in random bytes."""
+
+
+def _garbled_video(frame: VideoFrame) -> bool:
+    return float(np.abs(np.diff(frame.image[::16].astype(np.int16), axis=1)).mean()) > _GARBLED_STEP
+
+
 VIDEO: Sampling[VideoFrame] = Sampling(
     Wording(
         "CCTV",
@@ -107,10 +136,12 @@ VIDEO: Sampling[VideoFrame] = Sampling(
         f"The CCTV grabber does not answer at all: {_UNPLUG}",
         "The CCTV sends the same picture again and again; it is being restarted.",
         "The CCTV picture is empty: the grabber gets no signal from the camera.",
+        "The CCTV picture is nothing but noise: check the camera, its cable and the grabber.",
     ),
     lambda frame: frame.number,
     _video_print,
     _no_signal,
+    _garbled_video,
 )
 
 TETHER: Sampling[Reading] = Sampling(
@@ -122,8 +153,10 @@ TETHER: Sampling[Reading] = Sampling(
         f"The tether encoder does not answer at all: {_UNPLUG}",
         "",
         "",
+        "",
     ),
     lambda reading: None,
     None,
+    lambda reading: False,
     lambda reading: False,
 )

@@ -155,7 +155,8 @@ class ScriptedGrabber(FrameGrabber):
         if word == "lost":
             raise SensorLost("The grabber is gone.")
         seed = 0 if word == "freeze" else next(_counter)
-        image = np.random.default_rng(seed).integers(20, 200, (48, 64, 3)).astype(np.uint8)
+        blocks = np.random.default_rng(seed).integers(20, 200, (6, 8, 3)).astype(np.uint8)
+        image = blocks.repeat(8, axis=0).repeat(8, axis=1)  # a picture, where neighbours are alike
         if word == "blue":
             image[:] = (200, 30, 10)
         return VideoFrame(image, time.monotonic_ns(), self._number)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from device.feed import EncoderFeed, Feed, GrabberFeed
-from tests.unit.device_doubles import ScriptedEncoder, ScriptedGrabber, eventually
+from device.reader import FeedTiming
+from device.samples import DEPTH, VIDEO
+from drivers.grabber.base import VideoFrame
+from tests.unit.device_doubles import ScriptedEncoder, ScriptedGrabber, eventually, frame
 from tests.unit.test_feed import QUICK
 
 
@@ -101,3 +107,42 @@ def test_a_source_at_rest_can_be_closed(open_feeds: list[Feed[Any]]) -> None:
     feed.close()
     assert time.monotonic() - begun < 1.0
     assert grabber.calls == []
+
+
+def test_random_bytes_are_no_picture_and_no_depth() -> None:
+    """What comes over a broken cable is told from what a sensor can have seen: pipes, walls with holes, noise within reason."""
+    rng = np.random.default_rng(4)
+    noise = rng.integers(0, 65536, (172, 224)).astype(np.uint16)
+    rows, columns = np.mgrid[0:172, 0:224]
+    pipe = (60_000 / (10 + np.hypot(rows - 86, columns - 112))).astype(np.uint16)
+    holes = np.where(rng.random(pipe.shape) < 0.4, 0, pipe).astype(np.uint16)
+    rough = (pipe * rng.normal(1, 0.05, pipe.shape)).astype(np.uint16)
+    for depth, garbled in ((noise, True), (pipe, False), (holes, False), (rough, False), (pipe * 0, False)):
+        assert DEPTH.garbled(replace(frame(1), depth=depth)) == garbled
+    picture = np.repeat(np.clip(pipe // 24, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    speckled = np.clip(picture + rng.normal(0, 15, picture.shape), 0, 255).astype(np.uint8)
+    snow = rng.integers(0, 256, picture.shape).astype(np.uint8)
+    for image, garbled in ((snow, True), (picture, False), (speckled, False)):
+        assert VIDEO.garbled(VideoFrame(image, 0, 1)) == garbled
+
+
+def test_a_source_that_sends_garbage_is_declared_so_and_recovers() -> None:
+    snow = np.random.default_rng(5).integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    broken = threading.Event()
+
+    class Grabber(ScriptedGrabber):
+        def _read(self, timeout_s: float) -> VideoFrame:
+            seen = super()._read(timeout_s)
+            return replace(seen, image=np.roll(snow, seen.number, axis=1)) if broken.is_set() else seen
+
+    feed = GrabberFeed("g", "virtual", lambda: Grabber("frame"), timing=FeedTiming(back_off_s=(0.01,)))
+    feed.start()
+    try:
+        assert eventually(lambda: feed.status().state == "up")
+        broken.set()
+        assert eventually(lambda: feed.status().state in ("degraded", "lost") and "noise" in feed.status().message)
+        assert feed.status().bad_frames >= 15
+        broken.clear()
+        assert eventually(lambda: feed.status().state == "up")
+    finally:
+        feed.close()
