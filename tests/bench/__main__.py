@@ -25,6 +25,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("landmark_smoothing_peers", (), ()),
     ("fcdd_boxes", (), ()),
     ("fcdd_cost", (), ("--rounds", "15")),
+    ("fcdd_virtual", ("--every", "5"), ("--only", "connections", "--drives", "2")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 
