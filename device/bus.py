@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+from device.json_text import dumps
 
 
 @dataclass(frozen=True)
@@ -14,6 +16,15 @@ class Event:
 
     name: str
     data: dict[str, Any]
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
+    _text: list[str] = field(default_factory=list, repr=False, compare=False)
+
+    def json(self) -> str:
+        """``data`` as JSON, made once however many listen."""
+        with self._lock:  # the second listener waits for the first one's text
+            if not self._text:
+                self._text.append(dumps(self.data))
+            return self._text[0]
 
 
 class Subscription:

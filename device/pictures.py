@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import cv2
@@ -19,23 +21,32 @@ _NEAR_M, _FAR_M = 0.12, 2.5
 
 
 class PictureCache:
-    """The last JPEG of every camera and kind."""
+    """The last JPEG of every view (a camera's depth, the CCTV picture with its grid, ...), made once however many look."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._encoded: dict[tuple[str, str], tuple[int, bytes]] = {}
+        self._views: dict[Hashable, _View] = {}
+
+    def shared(self, view: Hashable, moment: int, make: Callable[[], bytes | None]) -> bytes | None:
+        """The JPEG of ``view`` at ``moment`` (the frame's time), by ``make()`` where it is the first to ask."""
+        with self._lock:
+            kept = self._views.setdefault(view, _View())
+        with kept.lock:  # held while encoding: the second viewer of a frame waits for the first one's picture
+            if kept.moment != moment:
+                kept.data = make()
+                kept.moment = moment
+            return kept.data
 
     def jpeg(self, camera: str, kind: str, frame: DepthFrame) -> bytes | None:
         """The picture of ``frame``, at most 640 pixels wide; None where the camera has no colour."""
-        key = (camera, kind)
-        with self._lock:  # held while encoding: the second viewer of a frame waits for the first one's picture
-            known = self._encoded.get(key)
-            if known is not None and known[0] == frame.monotonic_ns:
-                return known[1]
-            data = frame_jpeg(kind, frame)
-            if data is not None:
-                self._encoded[key] = (frame.monotonic_ns, data)
-            return data
+        return self.shared((camera, kind), frame.monotonic_ns, lambda: frame_jpeg(kind, frame))
+
+
+@dataclass
+class _View:
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    moment: int | None = None
+    data: bytes | None = None
 
 
 def frame_jpeg(kind: str, frame: DepthFrame) -> bytes | None:

@@ -93,7 +93,7 @@ class Stream:
         while not (self._stopped.is_set() or subscription.closed or self._gone()):
             event = subscription.get(_WAIT_S)
             if event is not None:
-                yield frame(event.name, event.data)
+                yield wire(event.name, event.json())
             elif time.monotonic() - spoke < HEARTBEAT_S:
                 continue
             else:
@@ -101,9 +101,14 @@ class Stream:
             spoke = time.monotonic()
 
 
+def wire(name: str, text: str) -> bytes:
+    """One event in the stream's wire format (the JSON `text` holds no line break)."""
+    return f"event: {name}\ndata: {text}\n\n".encode()
+
+
 def frame(name: str, data: Any) -> bytes:
-    """One event in the stream's wire format (the JSON holds no line break)."""
-    return f"event: {name}\ndata: {dumps(data)}\n\n".encode()
+    """`data` as one event."""
+    return wire(name, dumps(data))
 
 
 def blueprint(device: "Device", cap: int) -> Blueprint:

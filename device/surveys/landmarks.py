@@ -19,7 +19,7 @@ from device.feed import Feed
 from device.heatmaps import Heatmaps
 from device.landmark_overlay import draw
 from device.notify import Turns
-from device.pictures import encode_jpeg
+from device.pictures import PictureCache, encode_jpeg
 from device.prompts import PROMPTS
 from device.recorder import Shelf
 from device.store import Kept, KeptLandmark, Store
@@ -98,7 +98,7 @@ class LandmarkSurvey:
         """Held while a frame is mapped: whoever else looks into the drive waits some milliseconds."""
         self._drive: _Drive | None = None
         self._thread: threading.Thread | None = None
-        self._jpeg: tuple[tuple[int, bool, str | None], bytes] | None = None
+        self._pictures = PictureCache()
         self._heatmaps = Heatmaps()
         self.turns = Turns()
         """Whom the drive's thread tells that it goes on."""
@@ -287,18 +287,16 @@ class LandmarkSurvey:
             if grabber.latest is None or grabber.status().state not in ("up", "degraded"):
                 return None
             frame, step, overlay = grabber.latest, None, False
-        key = (frame.monotonic_ns, overlay, heatmap)
-        known = self._jpeg
-        if known is not None and known[0] == key:
-            return known[1]
-        image = frame.image if heatmap is None else self._heatmaps.over(frame.image, heatmap)
-        if step is not None and drive is not None and step.view is not None:
-            with self._lock:
-                scene = drive.pipeline.scene(step, drive.numbers)
-            image = draw(image, scene)
-        data = encode_jpeg(image)
-        self._jpeg = (key, data)
-        return data
+
+        def make() -> bytes:
+            image = frame.image if heatmap is None else self._heatmaps.over(frame.image, heatmap)
+            if step is not None and drive is not None and step.view is not None:
+                with self._lock:
+                    scene = drive.pipeline.scene(step, drive.numbers)
+                image = draw(image, scene)
+            return encode_jpeg(image)
+
+        return self._pictures.shared((overlay, heatmap), frame.monotonic_ns, make)
 
     def thumbnail(self, survey_id: int, number: int, heatmap: str | None = None) -> bytes | None:
         """JPEG of a landmark's best picture, or None; ``heatmap`` as in ``picture``. Raises NotFound, Invalid."""

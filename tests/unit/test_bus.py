@@ -1,6 +1,8 @@
 import threading
 import time
 
+import pytest
+
 from device.bus import Bus
 
 
@@ -66,3 +68,13 @@ def test_a_closed_listener_hears_nothing_and_may_close_twice() -> None:
     subscription.close()
     bus.publish("status", {})
     assert subscription.get(0.0) is None
+
+
+def test_an_event_is_put_into_words_once_for_all_who_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus, made = Bus(), []
+    monkeypatch.setattr("device.bus.dumps", lambda data: made.append(data) or "{}")
+    listeners = [bus.subscribe() for _ in range(8)]
+    bus.publish("status", {"a": 1})
+    events = [listener.get(1.0) for listener in listeners]
+    assert [event.json() for event in events if event] == ["{}"] * 8
+    assert made == [{"a": 1}]

@@ -1,3 +1,5 @@
+import threading
+import time
 from dataclasses import replace
 
 import cv2
@@ -49,3 +51,25 @@ def test_a_frame_is_encoded_once_and_a_new_one_replaces_it() -> None:
 
 def test_a_camera_without_colour_has_no_colour_picture() -> None:
     assert PictureCache().jpeg("front", "color", picture(300)) is None
+
+
+def test_however_many_look_at_once_a_picture_is_made_once() -> None:
+    cache, made, begin = PictureCache(), [], threading.Barrier(8)
+
+    def make() -> bytes:
+        made.append(1)
+        time.sleep(0.05)
+        return b"picture"
+
+    def look() -> None:
+        begin.wait()
+        assert cache.shared("front", 1, make) == b"picture"
+
+    lookers = [threading.Thread(target=look) for _ in range(8)]
+    for looker in lookers:
+        looker.start()
+    for looker in lookers:
+        looker.join()
+    assert made == [1]
+    assert cache.shared("front", 2, lambda: None) is None
+    assert cache.shared("other", 1, lambda: b"x") == b"x"
