@@ -29,10 +29,12 @@ from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnus
 from device.feed import CameraFeed
 from device.health_machine import MachineReader
 from device.health_watch import HealthWatch
+from device.inspections.desk import Desk
 from device.lamp import LampKeeper
 from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
-from device.recorder import Shelf
+from device.recorder import RecorderStatus, Shelf
+from device.recorder.names import Name, name_of
 from device.recorder.policy import MB, DiskPolicy
 from device.recorder.shelf import FOLDER
 from device.store import Store
@@ -46,6 +48,8 @@ from drivers.lamp.base import Lamp
 
 log = logging.getLogger(__name__)
 
+GONE = "The raw data was removed to make room for newer surveys."
+NEVER = "No raw data was recorded."
 POSITIONS = ("entrance", "top", "middle")
 _STATUS_PERIOD_S = 1.0
 _MOST_FRAMES = 500
@@ -95,6 +99,7 @@ class Device:
             self._store.close()
             self._lock_file.close()
             raise
+        self.inspections = Desk(self._store, self._clock)
         self._shelf = Shelf(
             settings.data_dir / FOLDER,
             _disk_policy(settings),
@@ -102,6 +107,7 @@ class Device:
             part_bytes=settings.recording.part_mb * MB,
             offset_ns=self._clock_offset_ns,
             on_change=self._changed.set,
+            on_end=self._keep_how_it_was_recorded,
         )
         self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
         self._pool = pool or WorkerPool(settings.workers)
@@ -305,6 +311,14 @@ class Device:
         """A new node. Raises Invalid."""
         return self._store.places.create_node(name)
 
+    def update_node(self, node_id: int, data: dict[str, Any]) -> dict[str, Any]:
+        """Change what ``data`` names. Raises NotFound, Invalid."""
+        return self._store.places.update_node(node_id, data)
+
+    def update_site(self, data: dict[str, Any]) -> dict[str, Any]:
+        """Change the site's name or the reference system of its nodes. Raises Invalid."""
+        return self._store.places.update_site(data)
+
     def pipes(self) -> list[dict[str, Any]]:
         """Every pipe: {"id", "name", "start_node", "end_node", "material", "shape", "reference_dn", "note"}."""
         return self._store.places.pipes()
@@ -377,6 +391,44 @@ class Device:
         """Undo ``delete_survey``; the survey. Raises NotFound."""
         self._store.surveys.restore(survey_id)
         return self.survey(survey_id)
+
+    # Recordings
+
+    def recordings(self, survey_id: int) -> dict[str, Any]:
+        """Raw data of a survey: {"state", "message", "dropped", "files": [{"take", "part", "file", "bytes"}]}. Raises NotFound.
+
+        "state" is "recording", "kept", "gone" or "none"; "message" says why there is none, or not all of it.
+        """
+        ended = self._store.surveys.recording(survey_id) or {}
+        now = self._shelf.under_way(survey_id)
+        files = [
+            {"take": name.take, "part": name.part, "file": path.name, "bytes": path.stat().st_size}
+            for path in self._shelf.files(survey_id)
+            if (name := name_of(path)) is not None and path.exists()
+        ]
+        message = ended.get("message", "")
+        if not files and not message:
+            message = GONE if ended.get("files") else NEVER
+        return {
+            "state": "recording" if now is not None else "kept" if files else "gone" if ended.get("files") else "none",
+            "message": "" if now is not None else message,
+            "dropped": now.dropped if now is not None else ended.get("dropped", 0),
+            "files": files,
+        }
+
+    def recording_file(self, survey_id: int, take: int, part: int) -> Path:
+        """Where a file of the survey's raw data lies. Raises NotFound."""
+        self._store.surveys.recording(survey_id)
+        for path in self._shelf.files(survey_id):
+            if name_of(path) == Name(survey_id, take, part):
+                return path
+        raise NotFound(f"Survey {survey_id} has no such recording: it was removed to make room, or there never was one.")
+
+    def _keep_how_it_was_recorded(self, survey_id: int, status: RecorderStatus) -> None:
+        try:
+            self._store.surveys.recorded(survey_id, status.to_json())
+        except DeviceError as error:  # the files tell it too, but for the reason
+            log.error("what became of the recording of survey %d could not be stored: %s", survey_id, error)
 
     # Drives
 

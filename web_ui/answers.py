@@ -116,6 +116,24 @@ class Status(Answer):
     workers_replaced: int
 
 
+class RecordingFile(Answer):
+    """One file of raw data; `take` and `part` are in its address."""
+
+    take: int
+    part: int
+    file: str
+    bytes: int
+
+
+class Recordings(Answer):
+    """Raw data of a survey: `state` is recording, kept, gone or none; `message` says why there is none, or not all of it."""
+
+    state: str
+    message: str
+    dropped: int
+    files: list[RecordingFile]
+
+
 class Live(Answer):
     """The live estimate of the best camera."""
 
@@ -318,3 +336,92 @@ class Error(BaseModel):
     """Why not."""
 
     error: Reason
+
+
+class Site(Answer):
+    """The site; `crs` is the EPSG number of its nodes' coordinates."""
+
+    id: int
+    name: str
+    crs: int | None
+
+
+class JoinedSurvey(Answer):
+    """A survey of an inspection."""
+
+    survey_id: int
+    station_m: float | None
+    kind: str
+
+
+class InspectionRow(Answer):
+    """An inspection in the list."""
+
+    id: int
+    pipe_id: int
+    operator: str
+    date: str | None
+    direction: str
+    method: str
+    length_m: float | None
+    note: str
+    created: str | None
+    surveys: list[JoinedSurvey]
+    edited: bool
+
+
+class Observation(Answer):
+    """A coded observation."""
+
+    number: int
+    station: float
+    code: str
+    ch1: str
+    ch2: str
+    q1: float | None
+    q2: float | None
+    clock_from: int | None
+    clock_to: int | None
+    continuous: str
+    at_joint: bool
+    remark: str
+    photo: str
+    source: str
+
+
+class Inspection(InspectionRow):
+    """One inspection as it would go out; `faults` are the rules that it breaks."""
+
+    observations: list[Observation]
+    photos: list[str]
+    faults: list[str]
+
+
+class Compared(Answer):
+    """Two inspections; `grown` and `same` pair the older observation with the newer."""
+
+    older: int
+    newer: int
+    new: list[Observation]
+    gone: list[Observation]
+    grown: list[list[Observation]]
+    same: list[list[Observation]]
+
+
+class ObservationCode(Answer):
+    """A main code of EN 13508-2."""
+
+    code: str
+    text: str
+    clock: str
+    unit: str | None
+    ch1: dict[str, str]
+    ch2: dict[str, str]
+
+
+class Imported(Answer):
+    """What became of a pipe list."""
+
+    pipes: int
+    nodes: int
+    there: int

@@ -14,6 +14,7 @@ from pydantic.json_schema import models_json_schema
 from werkzeug.routing import Map, Rule
 
 from web_ui import access, answers, bodies
+from web_ui import inspection_bodies as wanted
 
 _PREFIX = "/api/v1"
 _REF = "#/components/schemas/"
@@ -21,11 +22,13 @@ _PARAMETER = re.compile(r"<(?:(?P<kind>\w+)(?:\((?P<arguments>[^)]*)\))?:)?(?P<n
 _CHANGES = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 JPEG = "image/jpeg"
 EVENTS = "text/event-stream"
+FILE = "application/octet-stream"
+MCAP = "application/octet-stream"
 
 
 @dataclass(frozen=True)
 class Told:
-    """What is told of a route. `answer` is a model, a type made of models, JPEG, EVENTS, or None for 204 without a body.
+    """What is told of a route. `answer` is a model, a type made of models, JPEG, EVENTS, MCAP, or None for 204 without a body.
 
     `errors` are the statuses that the route adds to those that its kind has anyway (see `_errors`).
     """
@@ -80,12 +83,39 @@ ROUTES: dict[str, Told] = {
     "api.survey": Told("One survey", answers.Survey),
     "api.survey_picture": Told("The picture kept with the survey's chosen recording", JPEG),
     "api.answer": Told("The operator's answers and verdict", answers.Survey, bodies.AnswerBody),
+    "recordings.listed": Told("What raw data there is of a survey", answers.Recordings),
+    "recordings.file": Told("A file of a survey's raw data (MCAP)", MCAP),
     "api.delete_survey": Told("Delete a survey; it can be restored", None, bodies.Empty, errors=(409,)),
     "api.restore_survey": Told("Undo a deletion", None, bodies.Empty),
     "api.clock": Told("The browser offers its time", None, bodies.ClockBody),
     "box.health": Told("Everything about the box itself, and what the operator should know of it", answers.Health),
     "box.lamp": Told("The lamp", answers.Lamp, errors=(404,)),
     "box.set_lamp": Told("How bright the lamp is, or that it is automatic", answers.Lamp, bodies.LampBody, errors=(404,)),
+    "inspecting.inspections": Told("All inspections", list[answers.InspectionRow], query=wanted.InspectionQuery),
+    "inspecting.begin": Told(
+        "Begin an inspection; it takes the pipe's surveys that belong to none",
+        answers.Inspection,
+        wanted.InspectionBody,
+        status=201,
+        errors=(404,),
+    ),
+    "inspecting.inspection": Told("One inspection as it would go out", answers.Inspection, errors=(422,)),
+    "inspecting.update": Told("Change what an inspection is called by", answers.Inspection, wanted.InspectionChange),
+    "inspecting.delete": Told("Delete an inspection; it can be restored, its surveys stay", None, bodies.Empty),
+    "inspecting.restore": Told("Undo a deletion", answers.Inspection, bodies.Empty),
+    "inspecting.join": Told("A survey belongs to an inspection", answers.Inspection, wanted.JoinBody),
+    "inspecting.part": Told("A survey belongs to it no longer", answers.Inspection, bodies.Empty),
+    "inspecting.edit": Told("The observations as they shall be", answers.Inspection, wanted.ObservationsBody),
+    "inspecting.undo": Told("Take the last edit of the observations back", answers.Inspection, bodies.Empty),
+    "inspecting.compare": Told(
+        "What is new, gone, grown and the same", answers.Compared, query=wanted.CompareQuery, errors=(422,)
+    ),
+    "inspecting.photo": Told("A photo of an inspection", JPEG, errors=(422,)),
+    "inspecting.export": Told("A file to take home", FILE, query=wanted.ExportQuery),
+    "inspecting.codes": Told("The observation codes", list[answers.ObservationCode]),
+    "inspecting.update_node": Told("Change a node", answers.Node, wanted.NodeChange),
+    "inspecting.update_site": Told("Name and reference system of the site", answers.Site, wanted.SiteChange),
+    "inspecting.import_pipes": Told("Add the pipes of a list", answers.Imported, wanted.PipeListBody, status=201),
     "api.document": Told("This document", dict[str, Any]),
     "events.stream": Told(
         "Events status, live, measurement, prompt, drive and control, one stream per tab",
@@ -167,6 +197,10 @@ def _success(told: Told) -> dict[str, Any]:
     if told.answer == JPEG:
         picture = {"description": "The picture.", "content": {JPEG: {"schema": {"type": "string", "format": "binary"}}}}
         return {"200": picture, "204": {"description": "There is no picture."}}
+    if told.answer == MCAP:
+        return {"200": {"description": "The file.", "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}}}}
+    if told.answer == FILE:
+        return {"200": {"description": "The file.", "content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}}}
     if told.answer == EVENTS:
         return {"200": {"description": "The stream.", "content": {EVENTS: {"schema": {"type": "string"}}}}}
     return {str(told.status): _json(told.summary + ".", TypeAdapter(told.answer).json_schema(ref_template=_REF + "{model}"))}
@@ -226,7 +260,7 @@ def _schemas() -> dict[str, Any]:
     """Every model that a route names, with those inside it."""
     made: dict[str, Any] = {}
     for told in ROUTES.values():
-        if told.answer not in (None, JPEG, EVENTS):
+        if told.answer not in (None, JPEG, EVENTS, MCAP):
             schema = TypeAdapter(told.answer).json_schema(mode="serialization", ref_template=_REF + "{model}")
             made |= schema.get("$defs", {})
             if isinstance(told.answer, type) and issubclass(told.answer, BaseModel):

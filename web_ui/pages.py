@@ -23,6 +23,7 @@ def blueprint(device: "Device") -> Blueprint:
     pages.add_app_template_filter(wording.reason, "reason")
     pages.add_app_template_filter(wording.pipe_name, "pipe_name")
     pages.add_app_template_filter(wording.metres, "metres")
+    pages.add_app_template_filter(wording.megabytes, "megabytes")
     pages.add_app_template_filter(wording.span_m, "span_m")
     pages.add_app_template_filter(wording.duration, "duration")
 
@@ -73,11 +74,12 @@ def blueprint(device: "Device") -> Blueprint:
 
     @pages.get(f"/surveys/<int(min=1, max={bodies.MAX_ID}):number>")
     def result(number: int) -> str:
-        survey = device.survey(number)
+        survey, recording = device.survey(number), device.recordings(number)
         if survey["kind"] == "landmarks":
-            return render_template("map.html", survey=survey, map=device.survey_map(number), classes=wording.CLASSES)
+            drive = device.survey_map(number)
+            return render_template("map.html", survey=survey, map=drive, classes=wording.CLASSES, recording=recording)
         kept = next((kind for kind in ("color", "depth") if device.survey_picture(number, kind) is not None), None)
-        return render_template("result.html", survey=survey, picture=kept, questions=wording.QUESTIONS)
+        return render_template("result.html", survey=survey, picture=kept, questions=wording.QUESTIONS, recording=recording)
 
     @pages.get("/pair")
     def pair() -> str:

@@ -65,6 +65,11 @@ def pipe_name(survey: dict[str, Any]) -> str:
     return survey.get("pipe") or "no pipe stated"
 
 
+def megabytes(size: int) -> str:
+    """The size of a file."""
+    return f"{size / 1e6:.1f} MB" if size < 1e9 else f"{size / 1e9:.2f} GB"
+
+
 def metres(value: float | None, digits: int = 2) -> str:
     """A length in metres, or a dash where there is no number."""
     return "–" if value is None else f"{value:.{digits}f}"

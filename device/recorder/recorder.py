@@ -74,7 +74,8 @@ class Recorder:
 
     ``head`` is what a replay has to know before the first sample, JSON-ready. ``offset_ns`` turns the monotonic clock into the
     time that is shown (0 while the date is unknown). ``may_go_on`` is asked after each sync, with the file being written: it
-    prunes, and False ends the recording. ``on_change`` is called, from any thread, when the state changes.
+    prunes, and False ends the recording. ``on_change`` is called, from any thread, when the state changes, ``on_end`` once
+    nothing more will be written.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class Recorder:
         part_bytes: int = PART_BYTES,
         may_go_on: Callable[[], bool] = lambda: True,
         on_change: Callable[[], None] = lambda: None,
+        on_end: Callable[[Recorder], None] = lambda recorder: None,
     ) -> None:
         self.folder = folder
         self.name = name
@@ -95,6 +97,7 @@ class Recorder:
         self._part_bytes = part_bytes
         self._may_go_on = may_go_on
         self._on_change = on_change
+        self._on_end = on_end
         self._condition = threading.Condition()
         self._queue: deque[_Waiting] = deque()
         self._waiting_bytes = 0
@@ -123,11 +126,14 @@ class Recorder:
             self._lost, self._message = True, _sentence(error)
             log.error("survey %d is not recorded: %s", self.name.survey, error)
         self._on_change()
+        if not self.recording:
+            self._on_end(self)
         return self
 
     def turned_off(self, reason: str) -> Recorder:
         """In place of ``open``: nothing is recorded, for this reason."""
         self._message = reason
+        self._on_end(self)
         return self
 
     @property
@@ -199,6 +205,8 @@ class Recorder:
             log.exception("survey %d is no longer recorded", self.name.survey)
             self._give_up(BROKEN.format("an error in the program"))
         self._on_change()
+        if not self._discard:
+            self._on_end(self)
 
     def _work(self) -> None:
         due = time.monotonic() + SYNC_S

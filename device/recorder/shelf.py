@@ -12,7 +12,7 @@ from typing import Any
 from device.durable import make_folder, sync_folder
 from device.recorder.names import Name, name_of, recordings_in
 from device.recorder.policy import DiskPolicy, Stored, decide
-from device.recorder.recorder import PART_BYTES, Recorder
+from device.recorder.recorder import PART_BYTES, Recorder, RecorderStatus
 from device.recorder.recovery import CannotRecover, Report, in_use, recover, remove_leftovers
 from device.recorder.scan import ends_well
 
@@ -25,7 +25,7 @@ TURNED_OFF = "Recording is turned off in the settings."
 
 class Shelf:
     """The folder of recordings. ``policy`` says how much of the disk they may have; ``free`` tells how much is left,
-    ``offset_ns`` what to add to the monotonic clock for the date."""
+    ``offset_ns`` what to add to the monotonic clock for the date; ``on_end`` is told of each recording that has ended."""
 
     def __init__(
         self,
@@ -37,6 +37,7 @@ class Shelf:
         free: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
         offset_ns: Callable[[], int] = lambda: 0,
         on_change: Callable[[], None] = lambda: None,
+        on_end: Callable[[int, RecorderStatus], None] = lambda survey, status: None,
     ) -> None:
         self.folder = folder
         self._policy = policy or DiskPolicy()
@@ -45,6 +46,7 @@ class Shelf:
         self._free = free
         self._offset_ns = offset_ns
         self._on_change = on_change
+        self._on_end = on_end
         self._lock = threading.Lock()
         self._under_way: list[Recorder] = []
         self._pruned = 0
@@ -61,6 +63,7 @@ class Shelf:
             part_bytes=self._part_bytes,
             may_go_on=self.make_room,
             on_change=self._on_change,
+            on_end=lambda ended: self._on_end(survey, ended.status()),
         )
         with self._lock:
             self._under_way = [other for other in self._under_way if other.recording] + [recorder]
@@ -103,6 +106,12 @@ class Shelf:
     def files(self, survey: int) -> list[Path]:
         """The recordings of a survey, oldest first."""
         return [path for path in recordings_in(self.folder) if (name := name_of(path)) and name.survey == survey]
+
+    def under_way(self, survey: int) -> RecorderStatus | None:
+        """Of the survey's recording that is being written, if one is."""
+        with self._lock:
+            found = [one for one in self._under_way if one.name.survey == survey and one.recording]
+        return found[-1].status() if found else None
 
     def remove(self, survey: int) -> None:
         """The survey is gone for good, and so are its recordings."""

@@ -107,6 +107,18 @@ class Surveys:
             )
             connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
 
+    def recorded(self, survey_id: int, outcome: dict[str, Any]) -> None:
+        """What became of the survey's raw data. Nothing happens where the survey is gone."""
+        with self._database.write() as connection:
+            connection.execute("UPDATE surveys SET recording = ? WHERE id = ?", (dumps(outcome), survey_id))
+
+    def recording(self, survey_id: int) -> dict[str, Any] | None:
+        """What ``recorded`` was told last, None where it was not. Raises NotFound."""
+        with self._database.read() as connection:
+            told = survey_row(connection, survey_id)["recording"]
+        outcome: dict[str, Any] | None = None if told is None else json.loads(told)
+        return outcome
+
     def reopen(self, survey_id: int) -> None:
         """Back to the state "measuring", for a second position. Raises NotFound."""
         with self._database.write() as connection:

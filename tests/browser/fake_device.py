@@ -12,6 +12,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -19,6 +20,7 @@ import numpy as np
 
 from device.access import Access
 from device.bus import Bus, Subscription
+from device.daemon import GONE
 from device.errors import Busy, Invalid, NotFound
 from tests.browser.fake_box import FakeBox
 from tests.browser.fake_drive import FakeDrive
@@ -158,6 +160,8 @@ class FakeDevice(FakeBox, FakeDrive):
     clock_source: str = "none"
     kept: tuple[str, ...] = ("color", "depth")
     """The kinds of picture that the recordings keep."""
+    raw: Path | None = Path(__file__)
+    """What is handed out as a survey's raw data; None where it is gone."""
 
     def __post_init__(self) -> None:
         self._lock = threading.RLock()
@@ -278,6 +282,19 @@ class FakeDevice(FakeBox, FakeDrive):
         if kind not in self.kept:
             return None
         return depth_jpeg(0) if kind == "depth" else color_jpeg(0)
+
+    def recordings(self, survey_id: int) -> Json:
+        self.survey(survey_id)
+        if self.raw is None:
+            return {"state": "gone", "message": GONE, "dropped": 0, "files": []}
+        file = {"take": 1, "part": 1, "file": f"survey-{survey_id:06d}-01-001.mcap", "bytes": self.raw.stat().st_size}
+        return {"state": "kept", "message": "", "dropped": 0, "files": [file]}
+
+    def recording_file(self, survey_id: int, take: int, part: int) -> Path:
+        self.survey(survey_id)
+        if self.raw is None or (take, part) != (1, 1):
+            raise NotFound(f"Survey {survey_id} has no such recording.")
+        return self.raw
 
     def cloud(self, survey_id: int | None) -> Json:
         if survey_id is not None:
