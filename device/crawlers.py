@@ -17,6 +17,7 @@ from drivers.base import DriverError
 from drivers.encoder.base import Encoder
 from drivers.encoder.osd import OsdEncoder, OsdReader
 from drivers.grabber.base import FrameGrabber
+from drivers.grabber.paced import PacedGrabber
 from drivers.lamp.base import Lamp
 from drivers.registry import open_encoder, open_grabber, open_lamp
 
@@ -68,7 +69,8 @@ def _grabber(settings: CrawlerSettings, on_change: Callable[[], None]) -> Grabbe
     arguments: dict[str, Any] = {_GRABBER_ARGUMENT[kind]: settings.grabber_source, **settings.grabber_options}
 
     def make() -> FrameGrabber:
-        return open_grabber(kind, **arguments)
+        grabber = open_grabber(kind, **arguments)
+        return PacedGrabber(grabber) if kind in _RECORDED else grabber
 
     name = _checked(make).name
     return GrabberFeed(name, kind, make, recorded=kind in _RECORDED, on_change=on_change)

@@ -14,8 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base import DriverError, EndOfRecording, RecordingBroken, SensorMissing
+from drivers.base import DriverError, EndOfRecording, FrameTimeout, RecordingBroken, SensorMissing
 from drivers.grabber.base import FrameGrabber, VideoFrame
+from drivers.grabber.paced import PacedGrabber
 from drivers.grabber.stills import StillsFolder, named_time_s
 from drivers.grabber.video import VideoFile, next_media_s
 from drivers.registry import GRABBERS, open_grabber
@@ -234,3 +235,29 @@ def test_the_registry_knows_its_kinds(tmp_path: Path) -> None:
         open_grabber("webcam")
     assert isinstance(open_grabber("video", file=tmp_path / "x.mp4"), VideoFile)
     assert {"v4l2", "stream", "video", "stills"} <= set(GRABBERS)
+
+
+def test_a_paced_recording_takes_as_long_as_it_was_made_and_goes_on_when_played_again(tmp_path: Path) -> None:
+    grabber = PacedGrabber(VideoFile(write_video(tmp_path / "run.avi", 5, rate=20.0)))
+    begun = time.monotonic()
+    grabber.open()
+    first, fault = _read_all(grabber)
+    assert isinstance(fault, EndOfRecording)
+    assert 0.2 <= time.monotonic() - begun < 2.0
+    assert [frame.time_s for frame in first] == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2], abs=1e-6)
+    grabber.close()
+    grabber.open()
+    again, _ = _read_all(grabber)
+    assert [frame.time_s for frame in again] == pytest.approx([0.25, 0.3, 0.35, 0.4, 0.45], abs=1e-6)
+    grabber.close()
+
+
+def test_a_paced_picture_that_is_not_due_is_waited_for_and_not_lost(tmp_path: Path) -> None:
+    grabber = PacedGrabber(VideoFile(write_video(tmp_path / "run.avi", 3, rate=5.0)))
+    grabber.open()
+    numbers = [grabber.read().number]
+    with pytest.raises(FrameTimeout, match="not due"):
+        grabber.read(0.02)
+    numbers += [grabber.read().number, grabber.read().number]
+    assert np.diff(numbers).tolist() == [1, 1]
+    grabber.close()
