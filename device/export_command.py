@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import datetime
-from importlib.metadata import version
 from pathlib import Path
 
 import click
 
-from device.clock import Clock, iso
+from device.clock import Clock
 from device.config import load_settings
 from device.durable import write_whole
 from device.errors import Invalid
-from device.export.base import Options
-from device.export.formats import NAMES, export
+from device.export.formats import NAMES
 from device.export.wording import LANGUAGES
-from device.inspections.assemble import assemble
 from device.inspections.demo import demo_inspection
-from device.inspections.rules import faults
+from device.inspections.desk import Desk
 from device.store import Store
 
 _config = click.option("--config", type=click.Path(path_type=Path), help="Settings file (TOML).")
@@ -39,9 +35,10 @@ def export_inspection(
 ) -> None:
     """Write an inspection as ISYBAU, EN 13508-2, PACP, GeoJSON, CSV, JSON, PLY, glTF, PDF, or all of them in one ZIP."""
     with _store(config, data_dir) as (store, clock):
-        inspection = assemble(store, number)
-        data, _, _ = export(name, inspection, options(clock, language, imperial))
-    for fault in faults(inspection):
+        desk = Desk(store, clock)
+        data, _, _ = desk.export(number, name, language, imperial)
+        found = desk.get(number)["faults"]
+    for fault in found:
         click.echo(f"borescout: note: {fault}", err=True)
     try:
         write_whole(out, data)
@@ -57,13 +54,6 @@ def demo(seed: int, config: Path | None, data_dir: Path | None) -> None:
     """Put one complete inspection of a virtual pipe into the store and print its number."""
     with _store(config, data_dir) as (store, _):
         click.echo(demo_inspection(store, seed))
-
-
-def options(clock: Clock, language: str = "en", imperial: bool = False) -> Options:
-    """Of an export made now by this program."""
-    now = iso(clock.epoch_ms())
-    made = None if now is None else datetime.fromisoformat(now).date()
-    return Options(language, imperial, made, f"borescout {version('borescout')}")
 
 
 @contextmanager

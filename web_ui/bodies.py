@@ -18,7 +18,8 @@ Decision = Literal["confirmed", "rejected"]
 Id = Annotated[int, Field(ge=1, le=MAX_ID)]
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
+    """``text`` without spaces around it. Raises ValueError where it is more than a line."""
     text = text.strip()
     if not text.isprintable():
         raise ValueError("must be one line without control characters")
@@ -26,7 +27,7 @@ def _one_line(text: str) -> str:
 
 
 def _name(text: str) -> str:
-    text = _one_line(text)
+    text = one_line(text)
     if not text:
         raise ValueError("must not be empty")
     return text
@@ -40,7 +41,7 @@ def _note(text: str) -> str:
 
 
 Name = Annotated[str, Field(max_length=80), AfterValidator(_name)]
-Line = Annotated[str, Field(max_length=80), AfterValidator(_one_line)]
+Line = Annotated[str, Field(max_length=80), AfterValidator(one_line)]
 Note = Annotated[str, Field(max_length=2000), AfterValidator(_note)]
 Chainage = Annotated[float, Field(ge=-1000, le=100_000, allow_inf_nan=False, description="m along the pipe")]
 Length = Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False, description="m")]
@@ -59,7 +60,7 @@ class PairBody(Body):
     """The PIN on the label, and what to call the one who pairs."""
 
     pin: Annotated[str, Field(pattern=r"^[0-9]{6}$", description="six digits")]
-    name: Annotated[str, Field(max_length=40), AfterValidator(_one_line)] = ""
+    name: Annotated[str, Field(max_length=40), AfterValidator(one_line)] = ""
 
 
 class NodeBody(Body):

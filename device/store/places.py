@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from device.config import sentence
 from device.errors import Invalid, NotFound
+from device.inspections.model import PipeRecord
 from device.store.database import Database
 
 _M = TypeVar("_M", bound=BaseModel)
@@ -62,6 +64,12 @@ class _Node(BaseModel):
 
 
 _NODE = "SELECT nodes.id, nodes.name, sites.name AS site, easting, northing, level FROM nodes JOIN sites ON sites.id = site_id"
+
+
+_INSERT_PIPE = (
+    "INSERT INTO pipes (name, start_node, end_node, material, shape, reference_dn, length_m, note)"
+    " VALUES (:name, :start_node, :end_node, :material, :shape, :reference_dn, :length_m, :note)"
+)
 
 
 class Places:
@@ -144,13 +152,51 @@ class Places:
         try:
             with self._database.write() as connection:
                 number = connection.execute(
-                    "INSERT INTO pipes (name, start_node, end_node, material, shape, reference_dn, length_m, note)"
-                    " VALUES (:name, :start_node, :end_node, :material, :shape, :reference_dn, :length_m, :note)",
+                    _INSERT_PIPE,
                     pipe.model_dump(),
                 ).lastrowid
         except sqlite3.IntegrityError:
             raise Invalid("The pipe starts or ends at a well that does not exist.") from None
         return {"id": number, **pipe.model_dump()}
+
+    def add_all(self, listed: Sequence[PipeRecord], crs: int | None) -> dict[str, Any]:
+        """Add those of ``listed`` whose names are not taken, with their nodes, all of them or none; coordinates are in EPSG
+        ``crs``. {"pipes": added, "nodes": added, "there": left as they were}. Raises Invalid."""
+        added = {"pipes": 0, "nodes": 0, "there": 0}
+        with self._database.write() as connection:
+            if crs is not None:
+                present = connection.execute("SELECT crs FROM sites WHERE id = ?", (_DEFAULT_SITE,)).fetchone()["crs"]
+                if present not in (None, crs):
+                    raise Invalid(f"The list is in EPSG:{crs}, the site in EPSG:{present}: convert the list first.")
+                connection.execute("UPDATE sites SET crs = ? WHERE id = ?", (crs, _DEFAULT_SITE))
+            taken = {row["name"] for row in connection.execute("SELECT name FROM pipes WHERE NOT deleted")}
+            nodes = {row["name"]: row["id"] for row in connection.execute("SELECT id, name FROM nodes")}
+            for pipe in listed:
+                if pipe.name in taken:
+                    added["there"] += 1
+                    continue
+                for node in (pipe.upstream, pipe.downstream):
+                    if node.name not in nodes:
+                        nodes[node.name] = connection.execute(
+                            "INSERT INTO nodes (site_id, name, easting, northing, level) VALUES (?, ?, ?, ?, ?)",
+                            (_DEFAULT_SITE, checked(_Node, {"name": node.name}).name, node.easting, node.northing, node.level),
+                        ).lastrowid
+                        added["nodes"] += 1
+                fields = checked(
+                    _Pipe,
+                    {
+                        "name": pipe.name,
+                        "start_node": nodes[pipe.upstream.name],
+                        "end_node": nodes[pipe.downstream.name],
+                        "material": pipe.material,
+                        "shape": pipe.shape,
+                        "reference_dn": pipe.dn_mm,
+                        "length_m": pipe.length,
+                    },
+                )
+                connection.execute(_INSERT_PIPE, fields.model_dump())
+                added["pipes"] += 1
+        return added
 
     def update_pipe(self, pipe_id: int, data: dict[str, Any]) -> dict[str, Any]:
         """Change the fields in ``data``, keep the others. Raises NotFound, Invalid."""

@@ -1,0 +1,48 @@
+// The list of reports: begin one, import a pipe list, undo a deletion.
+
+import { ask } from "./api.js";
+import { byId } from "./dom.js";
+import { startShell } from "./shell.js";
+
+startShell();
+byId("filter-pipe").addEventListener("change", (event) => event.target.form.requestSubmit());
+
+byId("begin").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const fields = event.target.elements;
+  const failed = byId("begin-failed");
+  failed.hidden = true;
+  try {
+    const body = { pipe_id: Number(fields.pipe_id.value), operator: fields.operator.value, direction: fields.direction.value };
+    const begun = await ask("/inspections", { method: "POST", body });
+    location.assign(`/inspections/${begun.id}`);
+  } catch (error) {
+    failed.textContent = error.message;
+    failed.hidden = false;
+  }
+});
+
+byId("import").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const said = byId("import-said");
+  const file = byId("i-file").files[0];
+  const crs = Number.parseInt(byId("i-crs").value, 10);
+  said.textContent = "Reading the list …";
+  try {
+    const body = { text: await file.text(), file_name: file.name.slice(-80), ...(Number.isFinite(crs) ? { crs } : {}) };
+    const done = await ask("/pipes/import", { method: "POST", body, timeoutMs: 30000 });
+    said.textContent = `${done.pipes} pipes and ${done.nodes} nodes added, ${done.there} pipes were there already.`;
+  } catch (error) {
+    said.textContent = error.message;
+  }
+});
+
+const undo = byId("undo");
+undo?.querySelector("button").addEventListener("click", async () => {
+  try {
+    await ask(`/inspections/${undo.dataset.inspection}/restore`, { method: "POST" });
+    location.assign(`/inspections/${undo.dataset.inspection}`);
+  } catch (error) {
+    undo.querySelector("p").textContent = error.message;
+  }
+});
