@@ -4,15 +4,22 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 RUN_ARGS ?=
+SOAK_ARGS ?=
 export BORESCOUT_DATA ?= $(wildcard $(CURDIR)/../shared/data)
 
-.PHONY: run test lint types venv dev wheel wheel-check bench lock clean
+.PHONY: run test soak units lint types venv dev wheel wheel-check bench lock clean
 
 run: venv
 	$(BIN)/borescout serve --virtual $(RUN_ARGS)
 
 test: dev
 	$(BIN)/python -m pytest
+
+soak: dev
+	$(BIN)/python -m tests.bench.soak $(SOAK_ARGS)
+
+units:
+	sh systemd/check.sh
 
 lint: dev
 	$(BIN)/ruff check .

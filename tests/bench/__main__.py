@@ -26,6 +26,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("fcdd_boxes", (), ()),
     ("fcdd_cost", (), ("--rounds", "15")),
     ("fcdd_virtual", ("--every", "5"), ("--only", "connections", "--drives", "2")),
+    ("sensor_faults", (), ("--faults", "12")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 

@@ -55,14 +55,28 @@ class Container:
         source = self.root / "root/borescout"
         for folder in ("systemd", "requirements", "dist"):
             shutil.copytree(ROOT / folder, source / folder)
-        self._log = (work / "boot.log").open("w")
+        self._work, self._wheels = work, wheels
+        self.start()
+
+    def start(self) -> None:
+        """Switch it on."""
+        self._log = (self._work / "boot.log").open("a")
         self._nspawn = subprocess.Popen(
             [
                 "systemd-nspawn", "--boot", f"--directory={self.root}", "--register=no", "--keep-unit", "--machine=box-test",
-                "--private-network", f"--bind-ro={wheels}:/wheels", "--console=pipe",
+                "--private-network", f"--bind-ro={self._wheels}:/wheels", "--console=pipe",
             ],
             stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT,
         )  # fmt: skip
+
+    def reboot(self) -> None:
+        """As its user would. systemd-nspawn ends with status 133 where the container wants to be started again."""
+        self.sh("systemctl reboot", check=False)
+        status = self._nspawn.wait(PATIENCE_S)
+        if status != 133:
+            raise SystemExit(f"The container did not reboot: status {status}.")
+        self._log.close()
+        self.start()
 
     @property
     def leader(self) -> int:
@@ -198,9 +212,8 @@ def steps(box: Container, storm: bool) -> list[tuple[str, str]]:
         box.sh("mv /opt/borescout/bin/away /opt/borescout/bin/borescout")
         step("begun anew by its timer", seconds(box.wait("again", box.page)))
 
-    leader = box.leader
-    box.sh("systemctl reboot", check=False)
-    box.wait("reboot", lambda: box.leader not in (0, leader))
+    box.reboot()
+    box.wait("reboot", lambda: box.leader > 0)
     box.wait("boot", box.booted)
     step("reboot: page reachable", seconds(box.wait("page", box.page)))
     assert box.sh("cat /var/lib/borescout/pin /etc/borescout/hotspot.key; md5sum /etc/borescout/borescout.toml") == kept
