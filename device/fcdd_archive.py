@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,8 @@ from device.errors import Invalid
 
 PICTURES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"}
 NORMAL = "normal"
-FOLDER_CODES = (
-    ("CN", "connection"),
-    ("DE", "deposit"),
-    ("JD", "displaced joint"),
-    ("F", "fracture"),
-    ("R", "roots"),
-)
-"""Beginnings of WRc (MSCC) codes and the classes of the CCTV paper: CN connection, DES or DEG deposits, JDM displaced joint,
-FL, FC, FM fracture, RF, RM, RT roots."""
+OBSTACLE = 1
+"""What a box of a YOLO file is drawn round: 0 a joint, 1 an obstacle or deposit."""
 SAME = {"joint displaced": "displaced joint", "root": "roots", "deposits": "deposit", "lateral": "connection"}
 
 
@@ -39,12 +32,68 @@ class Still:
     source: str
 
 
-def read_archive(folder: Path) -> list[Still]:
+def class_name(label: str) -> str:
+    """A label as the classes are written here: displaced_joint and Displaced Joint are displaced joint."""
+    plain = " ".join(label.replace("_", " ").replace("-", " ").lower().split())
+    return SAME.get(plain, plain)
+
+
+@dataclass(frozen=True)
+class ClassFile:
+    """What is to be told apart: ``codes`` per class, beginnings of the WRc (MSCC) codes that folders of an archive are named
+    by. In ``classes.json`` beside the shipped model: CN connection, DES or DEG deposits, JDM displaced joint, FL, FC, FM
+    fracture, RF, RM, RT roots."""
+
+    codes: Mapping[str, tuple[str, ...]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The classes, in their order."""
+        return tuple(self.codes)
+
+    def of_folder(self, name: str) -> str | None:
+        """The class of a folder of an archive: its name, or the code that it begins with. None where it is neither."""
+        plain = class_name(name)
+        if plain == NORMAL or plain in self.codes:
+            return plain
+        code = name.strip().upper()
+        if len(code) <= 4 and code.isalpha():
+            fitting = [
+                (len(start), label) for label, starts in self.codes.items() for start in starts if code.startswith(start)
+            ]
+            return max(fitting)[1] if fitting else None
+        return None
+
+
+def read_classes(file: Path) -> ClassFile:
+    """A class file: a JSON object of class names, each with a list of code beginnings, which may be empty. Raises Invalid."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise Invalid(f"The class file {file} cannot be read: {error.strerror}.") from None
+    except ValueError:
+        raise Invalid(f"The class file {file} is not JSON.") from None
+    if not isinstance(found, dict) or not found:
+        raise Invalid(f"The class file {file} must be an object of class names, each with a list of codes.")
+    codes = {}
+    for name, starts in found.items():
+        if not isinstance(starts, list) or not all(isinstance(start, str) and start.isalpha() for start in starts):
+            raise Invalid(f"The class {name} of {file} must have a list of codes, which may be empty.")
+        codes[class_name(name)] = tuple(start.upper() for start in starts)
+    if len(codes) < len(found) or NORMAL in codes:
+        raise Invalid(f"The class file {file} must name each class once, and not normal.")
+    return ClassFile(codes)
+
+
+SHIPPED_CLASSES = read_classes(Path(__file__).parent / "data" / "fcdd" / "classes.json")
+
+
+def read_archive(folder: Path, classes: ClassFile = SHIPPED_CLASSES) -> list[Still]:
     """The pictures of ``folder``: from its manifest.json, else from one folder per class. Raises Invalid."""
     if not folder.is_dir():
         raise Invalid(f"There is no folder {folder}.")
     manifest = folder / "manifest.json"
-    stills = _from_manifest(folder, manifest) if manifest.exists() else list(_from_folders(folder))
+    stills = _from_manifest(folder, manifest) if manifest.exists() else list(_from_folders(folder, classes))
     if not stills:
         raise Invalid(f"There are no labelled pictures in {folder}.")
     return stills
@@ -62,23 +111,23 @@ def read_picture(still: Still) -> NDArray[np.uint8]:
     return np.asarray(found, dtype=np.uint8)
 
 
-def class_name(label: str) -> str:
-    """A label as the classes are written here: displaced_joint and Displaced Joint are displaced joint."""
-    plain = " ".join(label.replace("_", " ").replace("-", " ").lower().split())
-    return SAME.get(plain, plain)
-
-
-def class_of_folder(name: str) -> str | None:
-    """The class of a folder of an archive: its name, or the WRc code that it begins with. None where it is neither."""
-    plain = class_name(name)
-    if plain == NORMAL or plain in {label for _, label in FOLDER_CODES}:
-        return plain
-    code = name.strip().upper()
-    if len(code) <= 4 and code.isalpha():
-        for start, label in FOLDER_CODES:
-            if code.startswith(start):
-                return label
-    return None
+def read_boxes(folder: Path) -> list[Still]:
+    """Pictures with YOLO boxes: deposit where one is drawn round an obstacle or deposit. Neighbours in number are of one
+    inspection. Raises Invalid."""
+    found = []
+    for path in sorted(folder.glob("*.txt")) if folder.is_dir() else ():
+        pictures = [path.with_suffix(kind) for kind in sorted(PICTURES) if path.with_suffix(kind).exists()]
+        if not pictures:
+            continue
+        try:
+            drawn = {int(line.split()[0]) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()}
+        except (OSError, ValueError):
+            raise Invalid(f"The file {path} holds no boxes.") from None
+        group = f"boxes {path.stem[:-2]}"
+        found.append(Still(pictures[0], frozenset({"deposit"} if OBSTACLE in drawn else ()), group, group))
+    if not found:
+        raise Invalid(f"There are no pictures with boxes in {folder}.")
+    return found
 
 
 def _from_manifest(folder: Path, manifest: Path) -> list[Still]:
@@ -106,11 +155,11 @@ def _still(folder: Path, manifest: Path, row: Any) -> Still:
     return Still(folder / named, labels, str(row.get("cluster", row["image"])), str(source))
 
 
-def _from_folders(folder: Path) -> Iterator[Still]:
+def _from_folders(folder: Path, classes: ClassFile) -> Iterator[Still]:
     """The same picture in two folders has two labels."""
     found: dict[str, tuple[Path, set[str]]] = {}
     for inside in sorted(one for one in folder.iterdir() if one.is_dir()):
-        label = class_of_folder(inside.name)
+        label = classes.of_folder(inside.name)
         if label is None:
             continue
         for path in sorted(inside.iterdir()):

@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from device.errors import Invalid
-from device.fcdd_archive import Still, read_archive, read_picture
+from device.fcdd_archive import SHIPPED_CLASSES, Still, read_archive, read_classes, read_picture
 from device.fcdd_model import SHIPPED, load_model
 from device.json_text import dumps
 from device.map_command import progress
@@ -66,12 +66,14 @@ def evaluate(data: Path, model: Path | None, scores: Path | None, single: bool, 
 @click.option(
     "--work", required=True, type=click.Path(path_type=Path, file_okay=False), help="Where features and weights are kept."
 )
+@click.option("--boxes", type=click.Path(path_type=Path), help="Further pictures, with YOLO boxes (1: obstacle or deposit).")
+@click.option("--classes", type=click.Path(path_type=Path), help="A class file; the five classes if not given.")
 @click.option("--rendered", type=click.IntRange(0, 2000), default=70, show_default=True, help="Pipes of the virtual sewer.")
 @click.option("--versions", type=click.IntRange(2, 200), default=18, show_default=True, help="Versions of each picture.")
-@click.option("--rendered-versions", type=click.IntRange(2, 200), default=3, show_default=True, help="Of each rendered one.")
-@click.option("--steps", type=click.IntRange(1, 100_000), default=250, show_default=True, help="Steps of each training.")
+@click.option("--rendered-versions", type=click.IntRange(2, 200), default=2, show_default=True, help="Of each rendered one.")
+@click.option("--steps", type=click.IntRange(1, 100_000), default=60, show_default=True, help="Steps of each head.")
 @click.option("--tune", type=click.IntRange(0), default=120, show_default=True, help="Steps of the late trunk; 0 for none.")
-@click.option("--seeds", type=click.IntRange(1, 20), default=3, show_default=True, help="Heads that are merged into one.")
+@click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Heads that are merged into one.")
 @click.option("--folds", type=click.IntRange(2, 20), default=5, show_default=True, help="Folds that the thresholds come from.")
 @click.option(
     "--by", type=click.Choice(["cluster", "collection"]), default="cluster", show_default=True, help="What folds keep whole."
@@ -85,7 +87,9 @@ def train(**options: Any) -> int:
     """Train the detector on labelled pictures; goes on where it was stopped."""
     from device.fcdd_train import Wanted, train_model
 
-    found = train_model(Wanted(**options), lambda line: click.echo(line, err=True))
+    file = options.pop("classes")
+    classes = SHIPPED_CLASSES if file is None else read_classes(file)
+    found = train_model(Wanted(classes=classes, **options), lambda line: click.echo(line, err=True))
     for label, value in found.items():
         click.echo(f"{label:<16} out-of-fold AUROC {'-' if value is None else f'{value:.3f}'}")
     return 0

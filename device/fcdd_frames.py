@@ -44,7 +44,7 @@ def rendered_frames(pipes: int, frames_each: int, seed: int) -> Iterator[Rendere
             pose = _pose(rng, radius)
             before = Pose(**{**vars(pose), "chainage": pose.chainage - 0.004})
             image = renderer.picture(pose, rng, before)
-            seen, unsure = _shown(sewer, camera, pose)
+            seen, unsure = shown_in(sewer, camera, pose)
             yield RenderedFrame(image, seen, unsure)
 
 
@@ -87,7 +87,7 @@ def _pose(rng: np.random.Generator, radius: float) -> Pose:
     )
 
 
-def _shown(sewer: VirtualSewer, camera: CctvCamera, pose: Pose) -> tuple[tuple[SeenLandmark, ...], frozenset[str]]:
+def shown_in(sewer: VirtualSewer, camera: CctvCamera, pose: Pose) -> tuple[tuple[SeenLandmark, ...], frozenset[str]]:
     """What lies in the field, and the classes of which something lies at its border."""
     near, far = pose.chainage + _NEAR_FIELD * sewer.radius, pose.chainage + _FAR_FIELD * sewer.radius
     sure = [thing for thing in sewer.landmarks if thing.chainage_to >= near and thing.chainage <= far]

@@ -34,8 +34,10 @@ BLOCKS = (
 STEM = 32
 TAPS = (7, 10, 15)
 """Blocks that the head looks at: texture and edges at a stride of 16 pixels, parts of things there, whole things at 32."""
-FROZEN = 8
+FROZEN = 11
 """Blocks before those that may be trained."""
+MOST_CONTEXT = 4.0
+"""The whole picture raises or lowers a map by a factor of e^4 at most."""
 
 
 class Same(nn.Conv2d):
@@ -109,37 +111,90 @@ class Trunk(nn.Module):
         self.load_state_dict({name: weights[name] for name in own})
 
 
+class Context(nn.Module):
+    """How much the picture as a whole makes each class likely: a linear rule on the mean and the deviation of each channel.
+
+    A class is raised where the pipe looks like those in which it is found, which a map of small cells cannot know. The rule
+    is fitted by itself (context.py) and is zero until then.
+    """
+
+    def __init__(self, inputs: int, classes: int) -> None:
+        super().__init__()
+        self.rule = nn.Linear(2 * inputs, classes)
+        nn.init.zeros_(self.rule.weight)
+        nn.init.zeros_(self.rule.bias)
+
+    def forward(self, taps: list[Tensor]) -> Tensor:
+        """The logarithm c_k (n, classes, 1, 1) of the factor of each map."""
+        told: Tensor = self.rule(torch.cat([moments(tap) for tap in taps], dim=1))
+        return (MOST_CONTEXT * torch.tanh(told / MOST_CONTEXT))[:, :, None, None]
+
+
+def moments(tap: Tensor) -> Tensor:
+    """Mean and deviation over the picture (n, 2 channels) of each channel of ``tap`` (n, channels, h, w)."""
+    mean = tap.mean(dim=(2, 3), keepdim=True)
+    spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
+    return torch.cat([mean[:, :, 0, 0], spread], dim=1)
+
+
 class Head(nn.Module):
     """From the features of ``TAPS`` to the maps: every tap is brought to ``hidden`` channels, the coarse one enlarged, their
-    sum goes through ReLU6 to one map per class, and that through eq. 8."""
+    sum goes through ReLU6 to one map per class, and that through eq. 8; the context's factor is on top of it."""
 
     def __init__(self, classes: int, hidden: int, dropout: float = 0.0) -> None:
         super().__init__()
         widths = [BLOCKS[tap][3] for tap in TAPS]
+        self.context = Context(sum(widths), classes)
         self.scales = nn.ModuleList(nn.BatchNorm2d(width, eps=1e-3, affine=False) for width in widths)
         self.taps = nn.ModuleList(
             nn.Conv2d(width, hidden, 1, bias=tap == TAPS[0]) for tap, width in zip(TAPS, widths, strict=True)
         )
-        self.dropout = nn.Dropout(dropout)
+        self.dropout = nn.Dropout2d(dropout)  # whole channels: a 1 x 1 convolution knows nothing else
         self.maps = nn.Conv2d(hidden, classes, 1)
         # at phi = 0 the transformation has no slope to learn from
         nn.init.constant_(self.maps.bias, 0.5)  # type: ignore[arg-type]
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
         """Anomaly maps A_k >= 0 (n, classes, h / 16, w / 16)."""
+        return self.local(features) * torch.exp(self.context(self.scaled(features)))
+
+    def scaled(self, features: tuple[Tensor, ...]) -> list[Tensor]:
+        """Every tap with mean 0 and deviation 1 as the untouched trunk makes it."""
+        return [scale(x) for scale, x in zip(self.scales, features, strict=True)]
+
+    def local(self, features: tuple[Tensor, ...]) -> Tensor:
+        """The maps without the context."""
         size = features[0].shape[2:]
         mixed = torch.zeros(1)
-        for scale, tap, x in zip(self.scales, self.taps, features, strict=True):
-            y = tap(self.dropout(scale(x)))
+        for tap, x in zip(self.taps, self.scaled(features), strict=True):
+            y = tap(self.dropout(x))
             mixed = mixed + (y if y.shape[2:] == size else functional.interpolate(y, size=size, mode="bilinear"))
         return anomaly(self.maps(functional.relu6(mixed)))
 
+    def cut(self, classes: int) -> None:
+        """Leave only the first ``classes`` maps."""
+        maps, rule = nn.Conv2d(self.maps.in_channels, classes, 1), nn.Linear(self.context.rule.in_features, classes)
+        for old, new in ((self.maps, maps), (self.context.rule, rule)):
+            new.weight = nn.Parameter(old.weight.detach()[:classes])
+            new.bias = nn.Parameter(old.bias.detach()[:classes])  # type: ignore[union-attr]
+        self.maps, self.context.rule = maps, rule
+
     def fold(self) -> None:
-        """Put the scales into the convolutions behind them: the same maps for less work. Once, after training."""
+        """Put the scales into what lies behind them: the same maps for less work. Once, after training."""
+        start = 0
         for k, (scale, tap) in enumerate(zip(self.scales, self.taps, strict=True)):
             if isinstance(scale, nn.Identity):
                 continue
             inverse = torch.rsqrt(scale.running_var + scale.eps)
+            width = len(inverse)
+            with torch.no_grad():
+                # means move and shrink with the scale, deviations only shrink
+                rule = self.context.rule
+                means, spreads = slice(start, start + width), slice(start + width, start + 2 * width)
+                rule.weight[:, means] *= inverse
+                rule.weight[:, spreads] *= inverse
+                rule.bias -= rule.weight[:, means] @ scale.running_mean
+            start += 2 * width
             weight = tap.weight.detach() * inverse[None, :, None, None]
             shift = -(weight[:, :, 0, 0] @ scale.running_mean)
             folded = nn.Conv2d(weight.shape[1], weight.shape[0], 1)
@@ -149,20 +204,24 @@ class Head(nn.Module):
 
 
 class Fcdd(nn.Module):
-    """Late trunk, from block ``first`` on, and head. With ``first`` after the last block it is the head alone."""
+    """Late trunk, from block ``first`` on, and head. With ``first`` after the last block it is the head alone. ``given`` is the
+    number of taps before ``first``."""
 
     def __init__(self, classes: int, first: int, hidden: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.first = first
+        self.given = sum(tap < first for tap in TAPS)
         self.trunk = Trunk(first, len(BLOCKS)) if first < len(BLOCKS) else None
         self.head = Head(classes, hidden, dropout)
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
         """Anomaly maps (n, classes, h / 16, w / 16) from the features of the taps so far."""
-        if self.trunk is not None:
-            features = (*features[:-1], *self.trunk(features[-1]))
-        found: Tensor = self.head(features)
+        found: Tensor = self.head(self.taps(features))
         return found
+
+    def taps(self, features: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        """The features of all ``TAPS`` from those before ``first``; block ``first`` - 1 is one of ``TAPS``."""
+        return features if self.trunk is None else (*features[: self.given - 1], *self.trunk(features[self.given - 1]))
 
 
 class Whole(nn.Module):
@@ -198,10 +257,10 @@ def loss(maps: Tensor, labels: Tensor, weights: Tensor) -> Tensor:
 
 def merged(heads: list[Head]) -> Head:
     """One head that gives the mean of the outputs phi of several, each trained from another seed: their hidden channels side by
-    side. The trunk must be the same for all."""
+    side. Trunk, scales and context must be the same for all."""
     hidden = sum(head.maps.in_channels for head in heads)
     found = Head(heads[0].maps.out_channels, hidden)
-    found.scales = heads[0].scales
+    found.scales, found.context = heads[0].scales, heads[0].context
     with torch.no_grad():
         for k, tap in enumerate(found.taps):
             tap.weight.copy_(torch.cat([head.taps[k].weight for head in heads]))

@@ -6,6 +6,7 @@ whatever it showed); a cell with the thing against all cells around it cannot be
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +63,7 @@ def grafted(head: Head, column: int, rule: CellRule) -> Head:
     else, goes to that map. ``rule`` is on all taps' features side by side, the coarse one enlarged."""
     hidden = head.maps.in_channels
     found = Head(head.maps.out_channels, hidden + 1)
-    found.scales = head.scales
+    found.scales, found.context = head.scales, copy.deepcopy(head.context)
     start = 0
     bias = rule.bias + MARGIN
     with torch.no_grad():
@@ -85,6 +86,9 @@ def grafted(head: Head, column: int, rule: CellRule) -> Head:
         found.maps.weight[column, hidden] = GAIN
         found.maps.bias.copy_(head.maps.bias)
         found.maps.bias[column] = 0
+        # a place is learnt from its cell alone
+        found.context.rule.weight[column] = 0
+        found.context.rule.bias[column] = 0
     found.eval()
     return found
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -20,12 +21,23 @@ Half = NDArray[np.float16]
 Floats = NDArray[np.float32]
 
 
+class Tap(Protocol):
+    """Features of one tap, an array (augmentations, n, channels, h, w) or something that is read like one."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, chosen: Any, /) -> Half:
+        """``[k]`` is one augmentation of all pictures, ``[ks, rows]`` a batch of pictures, each of its own."""
+
+
 @dataclass(frozen=True)
 class TrainConfig:
     """``steps`` of ``batch`` pictures. ``rate`` and ``head_rate`` are the highest learning rates, reached after a tenth of the
     steps and let down to nothing by a cosine. ``mixup`` is the parameter of the Beta distribution, 0 for none. ``decay`` is
     the weight decay, ``average`` the memory of the average over the weights of the last steps. Blocks from ``first`` on are
-    trained, and a head of ``hidden`` channels."""
+    trained, and a head of ``hidden`` channels. ``keep`` of the weights stay as they were before: half-way between what
+    ImageNet taught and what few pictures teach, pictures of cameras that were not seen are told apart best
+    (Wortsman et al. 2022, Robust fine-tuning of zero-shot models)."""
 
     steps: int = 160
     batch: int = 32
@@ -37,14 +49,16 @@ class TrainConfig:
     average: float = 0.97
     first: int = 16
     hidden: int = 96
+    keep: float = 0.0
 
 
 @dataclass(frozen=True)
 class Material:
-    """What is learnt from. ``features`` (augmentations, n, channels, h, w) for each tap of the early trunk, ``labels``
-    and ``weights`` (n, classes), ``share`` (n,) how often each picture is drawn (sums to 1)."""
+    """What is learnt from. ``features`` of each tap of the untouched trunk, ``labels``
+    and ``weights`` (n, classes), ``share`` (n,) how often each picture is drawn (sums to 1). ``features`` of all taps train a
+    head; of them only those before the trained blocks train these."""
 
-    features: tuple[Half, ...]
+    features: tuple[Tap, ...]
     labels: Floats
     weights: Floats
     share: NDArray[np.float64]
@@ -59,8 +73,8 @@ def fit(
     head: Mapping[str, Tensor] | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> Fcdd:
-    """A network trained on ``rows`` of the material; ``head`` is one to go on with; ``progress`` is told each step
-    and its loss."""
+    """A network whose maps without context are trained on ``rows`` of the material; ``head`` is one to go on with;
+    ``progress`` is told each step and its loss."""
     torch.manual_seed(seed)
     rng = np.random.default_rng([seed, 81])
     net = Fcdd(material.labels.shape[1], config.first, config.hidden, config.dropout)
@@ -83,11 +97,12 @@ def fit(
         ]
     )
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: _rate(step / config.steps))
-    averaged = {name: value.detach().clone() for name, value in net.state_dict().items()}
+    begun = {name: value.detach().clone() for name, value in net.state_dict().items()}
+    averaged = {name: value.clone() for name, value in begun.items()}
     share = material.share[rows] / material.share[rows].sum()
     for step in range(config.steps):
-        x, y, w = _batch(material, rows[rng.choice(len(rows), config.batch, p=share)], config, rng)
-        value = loss(net(x), y, w)
+        x, y, w = _batch(material, net.given, rows[rng.choice(len(rows), config.batch, p=share)], config, rng)
+        value = loss(net.head.local(net.taps(x)), y, w)
         optimizer.zero_grad()
         value.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(net.parameters(), 5.0)
@@ -100,6 +115,9 @@ def fit(
                     averaged[name].mul_(memory).add_(now, alpha=1 - memory)
         if progress is not None:
             progress(step, float(value.detach()))
+    for name, value in averaged.items():
+        if value.is_floating_point():
+            value.lerp_(begun[name], config.keep)
     net.load_state_dict(averaged)
     net.eval()
     return net
@@ -110,7 +128,7 @@ def predict(net: Fcdd, features: tuple[Half, ...], batch: int = 64) -> Floats:
     found = []
     with torch.no_grad():
         for k in range(0, len(features[0]), batch):
-            x = tuple(_tensor(tap[k : k + batch]) for tap in features)
+            x = tuple(_tensor(tap[k : k + batch]) for tap in features[: net.given])
             found.append(score(net(x)).numpy())
     return np.concatenate(found)
 
@@ -132,10 +150,10 @@ def fair_share(labels: NDArray[np.bool_], groups: list[str]) -> NDArray[np.float
 
 
 def _batch(
-    material: Material, chosen: NDArray[np.int64], config: TrainConfig, rng: np.random.Generator
+    material: Material, taps: int, chosen: NDArray[np.int64], config: TrainConfig, rng: np.random.Generator
 ) -> tuple[tuple[Tensor, ...], Tensor, Tensor]:
     versions = rng.integers(0, len(material.features[0]), len(chosen))
-    x = tuple(_tensor(tap[versions, chosen]) for tap in material.features)
+    x = tuple(_tensor(tap[versions, chosen]) for tap in material.features[:taps])
     y, w = torch.from_numpy(material.labels[chosen]), torch.from_numpy(material.weights[chosen])
     if config.mixup > 0:
         part = torch.from_numpy(rng.beta(config.mixup, config.mixup, len(chosen)).astype(np.float32))
@@ -161,7 +179,7 @@ def _train_mode(net: Fcdd) -> None:
 
 def _measure_scales(net: Fcdd, material: Material, rows: NDArray[np.int64]) -> None:
     """The head sees features of mean 0 and deviation 1, as the frozen trunk makes them."""
-    for scale, tap in zip(net.head.scales, material.features, strict=False):
+    for scale, tap in zip(net.head.scales, material.features, strict=True):
         some = tap[0][rows].astype(np.float32)
         scale.running_mean = torch.from_numpy(some.mean(axis=(0, 2, 3)))
         scale.running_var = torch.from_numpy(some.var(axis=(0, 2, 3)))

@@ -1,17 +1,19 @@
 """Figure 1 of the detector: how well it tells the classes apart on stills that it has not seen.
 
     python -m tests.bench.fcdd_stills --work DIR              five folds by cluster and by collection
-    python -m tests.bench.fcdd_stills --work DIR --tune 0     the head alone, the trunk as ImageNet left it
-    python -m tests.bench.fcdd_stills --work DIR --rendered 0 without pictures of the virtual sewer
+    python -m tests.bench.fcdd_stills --work DIR --ablation   what each source of data and each part of the network brings
 
-Needs torch (dependency group train). Scores of all folds are pooled; each class is told from all other stills. Thresholds of a
-fold come from the scores of the other folds. Intervals are 95 % bootstrap over clusters, or over collections.
+Needs torch (dependency group train), and some minutes of a core for each split; each fold is kept in the work folder, so that a
+run that was stopped goes on. A fold's network saw none of its clusters (or collections), nor a near-duplicate of any of its
+stills in another collection. Scores of all folds are pooled; each class is told from all other stills. Thresholds of a fold
+come from the scores of the other folds. Intervals are 95 % bootstrap over clusters, or over collections.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from tests.bench.table import print_table
 
 LEAST = 20
 """No figure is given for a class with fewer positives."""
+PRECISION = 0.7
 WANTED = {
     "cluster": {"roots": 0.98, "fracture": 0.94, "deposit": 0.92, "displaced joint": 0.88},
     "collection": {"roots": 0.95, "fracture": 0.91, "deposit": 0.88, "displaced joint": 0.82},
@@ -33,34 +36,35 @@ WANTED = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.fcdd_stills", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--work", type=Path, required=True, help="where features are kept between runs")
+    parser.add_argument("--work", type=Path, required=True, help="where features and folds are kept between runs")
     parser.add_argument("--by", choices=["cluster", "collection"], help="one split only")
-    parser.add_argument("--steps", type=int, default=150)
-    parser.add_argument("--tune", type=int, default=120)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--rendered", type=int, default=70)
-    parser.add_argument("--rendered-versions", type=int, default=2)
+    parser.add_argument("--ablation", action="store_true", help="stills alone, with boxes, with rendered pictures")
+    parser.add_argument("--steps", type=int, default=Wanted.steps)
+    parser.add_argument("--tune", type=int, default=Wanted.tune)
+    parser.add_argument("--rendered", type=int, default=Wanted.rendered)
     chosen = vars(parser.parse_args())
-    only = chosen.pop("by")
+    only, ablation = chosen.pop("by"), chosen.pop("ablation")
     data = data_folder().parent / "cctv_stills"
     for by in ("cluster", "collection") if only is None else (only,):
         wanted = Wanted(data=data, out=Path("unused.onnx"), by=by, **chosen)
-        lessons, scores = train_scores(wanted, lambda line: print(line, file=sys.stderr))
-        show(by, lessons, scores)
+        if ablation:
+            _ablation(wanted)
+        else:
+            show(by, *train_scores(wanted, _note))
 
 
 def show(by: str, lessons: list[Any], scores: Any) -> None:
     """One split as a table."""
-    real = [k for k, lesson in enumerate(lessons) if not lesson.rendered]
-    groups = [lessons[k].group if by == "cluster" else lessons[k].source for k in real]
+    stills = [k for k, lesson in enumerate(lessons) if lesson.kind == "stills"]
+    groups = [lessons[k].group if by == "cluster" else lessons[k].source for k in stills]
     rows = []
     for k, name in enumerate(CLASSES):
-        positive = np.array([lessons[row].labels[k] > 0 for row in real])
+        positive = np.array([lessons[row].labels[k] > 0 for row in stills])
         count = int(positive.sum())
         if count < LEAST:
             rows.append((name, count, "-", "-", "-", "-", "-", "-"))
             continue
-        values = 1 - np.exp(-scores[real, k])
+        values = 1 - np.exp(-scores[stills, k])
         low, high = auroc_interval(values, positive, groups, np.random.default_rng(0))
         said = _said(values, positive, groups)
         precision = (said & positive).sum() / max(said.sum(), 1)
@@ -69,18 +73,41 @@ def show(by: str, lessons: list[Any], scores: Any) -> None:
         figures = (auroc(values, positive), precision, recall, f1)
         a, p, r, f = (f"{value:.3f}" for value in figures)
         rows.append((name, count, a, f"{low:.3f} to {high:.3f}", f"{WANTED[by][name]:.2f}", p, r, f))
-    title = f"{len(real)} stills, five folds by {by}, out-of-fold scores pooled"
+    title = f"{len(stills)} stills, five folds by {by}, out-of-fold scores pooled"
     print_table(title, ("class", "positive", "AUROC", "95 % interval", "wanted", "precision", "recall", "F1"), rows)
 
 
+def _ablation(wanted: Wanted) -> None:
+    boxes = wanted.data.parent / "cctv_boxes"
+    sources = {
+        "stills alone": replace(wanted, rendered=0),
+        "stills, boxes": replace(wanted, rendered=0, boxes=boxes),
+        "stills, rendered": wanted,
+        "stills, boxes, rendered": replace(wanted, boxes=boxes),
+    }
+    rows = []
+    for name, one in sources.items():
+        lessons, scores = train_scores(one, _note)
+        stills = [k for k, lesson in enumerate(lessons) if lesson.kind == "stills"]
+        values = [
+            auroc(scores[stills, k], np.array([lessons[row].labels[k] > 0 for row in stills])) for k in range(len(CLASSES))
+        ]
+        rows.append((name, len(lessons), *("-" if np.isnan(value) else f"{value:.3f}" for value in values)))
+    print_table(f"AUROC on the stills, five folds by {wanted.by}", ("learnt from", "pictures", *CLASSES), rows)
+
+
 def _said(values: Any, positive: Any, groups: list[str]) -> Any:
-    """Which pictures are said to have the class, at thresholds for a precision of 0.7 that come from other groups."""
+    """Which pictures are said to have the class, at thresholds for PRECISION that come from other groups."""
     fold = grouped_folds(groups, positive[:, None].astype(np.float32), 5, np.random.default_rng(1))
     said = np.zeros(len(values), bool)
     for k in range(5):
         held = fold == k
-        said[held] = values[held] >= threshold_for(values[~held], positive[~held], 0.7)
+        said[held] = values[held] >= threshold_for(values[~held], positive[~held], PRECISION)
     return said
+
+
+def _note(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from device.errors import Invalid
-from device.fcdd_archive import class_name, class_of_folder, read_archive, read_picture
+from device.fcdd_archive import SHIPPED_CLASSES, class_name, read_archive, read_boxes, read_classes, read_picture
+from estimators.detections import CLASSES
 
 
 def _picture(path: Path) -> None:
@@ -57,7 +58,7 @@ def test_one_folder_per_class_or_code(tmp_path: Path) -> None:
     ],
 )
 def test_codes(folder: str, label: str | None) -> None:
-    assert class_of_folder(folder) == label
+    assert SHIPPED_CLASSES.of_folder(folder) == label
 
 
 def test_names_of_classes_are_written_one_way() -> None:
@@ -86,3 +87,46 @@ def test_an_empty_or_missing_folder_is_told(tmp_path: Path) -> None:
         read_archive(tmp_path)
     with pytest.raises(Invalid, match="no folder"):
         read_archive(tmp_path / "none")
+
+
+def test_the_shipped_class_file_names_the_classes_of_the_paper() -> None:
+    assert SHIPPED_CLASSES.names == CLASSES
+
+
+def test_a_class_file_adds_classes_and_the_longest_code_wins(tmp_path: Path) -> None:
+    file = tmp_path / "classes.json"
+    file.write_text(json.dumps({"roots": ["R"], "Repair_Point": ["RP"], "obstacle": []}), encoding="utf-8")
+    classes = read_classes(file)
+    assert classes.names == ("roots", "repair point", "obstacle")
+    assert [classes.of_folder(name) for name in ("RM", "RPL", "obstacle", "CN")] == ["roots", "repair point", "obstacle", None]
+    for name in ("obstacle/1.jpg", "RPL/2.jpg", "CN/3.jpg"):
+        _picture(tmp_path / name)
+    found = {still.path.name: still.labels for still in read_archive(tmp_path, classes)}
+    assert found == {"1.jpg": {"obstacle"}, "2.jpg": {"repair point"}}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"roots": "R"}', '{"roots": [1]}', '{"normal": []}', '{"roots": [], "root": []}']
+)
+def test_a_broken_class_file_is_one_sentence(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "classes.json"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(Invalid) as told:
+        read_classes(file)
+    assert str(told.value).endswith(".")
+    assert "\n" not in str(told.value)
+
+
+def test_boxes_say_deposit_and_neighbours_belong_together(tmp_path: Path) -> None:
+    for name, text in (("00212207", "0 .5 .5 .1 .1\n1 .5 .8 .2 .2\n"), ("00212299", "0 .5 .5 .1 .1\n"), ("00213001", "")):
+        _picture(tmp_path / f"{name}.png")
+        (tmp_path / f"{name}.txt").write_text(text, encoding="utf-8")
+    (tmp_path / "classes.txt").write_text("joint", encoding="utf-8")
+    first, second, third = read_boxes(tmp_path)
+    assert [still.labels for still in (first, second, third)] == [{"deposit"}, set(), set()]
+    assert first.cluster == second.cluster != third.cluster
+    (tmp_path / "00213001.txt").write_text("no box", encoding="utf-8")
+    with pytest.raises(Invalid, match="holds no boxes"):
+        read_boxes(tmp_path)
+    with pytest.raises(Invalid, match="no pictures with boxes"):
+        read_boxes(tmp_path / "none")

@@ -9,7 +9,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
 
-from estimators.fcdd_training.network import Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
+from estimators.fcdd_training.context import fit_context  # noqa: E402
+from estimators.fcdd_training.network import MOST_CONTEXT, Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
 from estimators.fcdd_training.placed import GAIN, MARGIN, CellRule, fit_cells, grafted  # noqa: E402
 from estimators.fcdd_training.training import Material, TrainConfig, fit, predict  # noqa: E402
 
@@ -55,10 +56,63 @@ def test_folding_the_scales_changes_nothing() -> None:
     for scale in net.head.scales:
         scale.running_mean.normal_()
         scale.running_var.uniform_(0.5, 2)
+    torch.nn.init.normal_(net.head.context.rule.weight, std=0.05)
+    torch.nn.init.normal_(net.head.context.rule.bias)
     features = tuple(torch.randn(2, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
-    before = net(features)
-    net.head.fold()
-    assert torch.allclose(before, net(features), atol=1e-4)
+    with torch.no_grad():
+        before = net(features)
+        assert not torch.allclose(before, net.head.local(features), atol=1e-2)
+        net.head.fold()
+        assert torch.allclose(before, net(features), rtol=1e-3, atol=1e-4)
+
+
+def test_cutting_leaves_the_first_maps_as_they_were() -> None:
+    torch.manual_seed(3)
+    head = Fcdd(5, 16, 8).eval().head
+    torch.nn.init.normal_(head.context.rule.weight, std=0.05)
+    features = tuple(torch.randn(1, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
+    with torch.no_grad():
+        before = head(features)
+        head.cut(2)
+        assert torch.allclose(before[:, :2], head(features), atol=1e-4)
+
+
+def test_a_context_raises_what_its_pictures_look_like_and_no_rare_class() -> None:
+    rng = np.random.default_rng(8)
+    labels = np.zeros((90, 2), np.float32)
+    labels[:40, 0] = 1
+    labels[40:43, 1] = 1
+    taps = [rng.normal(size=(2, 90, width, 3, 4)).astype(np.float16) for width in (80, 112, 320)]
+    # the class is told by how uneven some channels are, which no mean knows
+    taps[1][:, :, :40] *= np.where(labels[:, 0] > 0, 3, 1)[None, :, None, None, None].astype(np.float16)
+    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(90, 1 / 90))
+    head = Fcdd(2, 16, 8).eval().head
+    fit_context(head, material, np.arange(0, 90, 2), versions=2)
+    with torch.no_grad():
+        held = tuple(torch.from_numpy(tap[0][1::2].astype(np.float32)) for tap in taps)
+        told = head.context(head.scaled(held))[:, :, 0, 0].numpy()
+    positive = labels[1::2, 0] > 0
+    assert told[positive, 0].mean() > told[~positive, 0].mean() + 0.5
+    assert np.abs(told).max() <= MOST_CONTEXT
+    assert (told[:, 1] == 0).all()
+
+
+def test_tuned_weights_go_a_part_of_the_way() -> None:
+    rng = np.random.default_rng(9)
+    labels = (rng.random((24, 2)) < 0.5).astype(np.float32)
+    taps = tuple(rng.normal(size=(2, 24, width, *size)).astype(np.float16) for width, size in ((80, (4, 4)), (112, (4, 4))))
+    material = Material(taps, labels, np.ones_like(labels), np.full(24, 1 / 24))
+    torch.manual_seed(0)
+    pretrained = Trunk(11, 16).state_dict()
+    head = Fcdd(2, 16, 8).head.state_dict()
+    found = []
+    for keep in (0.0, 0.75):
+        config = TrainConfig(steps=2, batch=8, first=11, hidden=8, rate=1e-3, keep=keep)
+        found.append(fit(material, np.arange(24), config, pretrained, 0, head).state_dict())
+    name = "trunk._blocks.15._project_conv.weight"
+    whole, part = (one[name] - pretrained["_blocks.15._project_conv.weight"] for one in found)
+    assert float(whole.abs().max()) > 0
+    assert torch.allclose(part, 0.25 * whole, atol=1e-6)
 
 
 def test_whole_network_gives_a_map_per_class() -> None:

@@ -1,0 +1,89 @@
+"""The class that is learnt from places: cells of rendered pictures with it against all cells around them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from device.fcdd_lessons import PLACED, Lesson
+from estimators.fcdd_training.folds import auroc, grouped_folds, threshold_for
+
+if TYPE_CHECKING:
+    from estimators.fcdd_training.network import Fcdd
+    from estimators.fcdd_training.training import Material
+
+LEAST = 20
+"""With fewer pictures that show it, the class is left as image-level labels made it."""
+OTHERS = {"rendered": 60, "stills": 40, "boxes": 40}
+"""Cells without it that are taken from one picture."""
+PRECISION = 0.8
+Note = Callable[[str], None]
+
+
+def learn_places(net: Fcdd, lessons: list[Lesson], material: Material, column: int, note: Note) -> tuple[float, float] | None:
+    """Gives ``net`` a map of the class PLACED, which is ``column``, learnt from cells. Returns the threshold of the score
+    1 - exp(-z) for PRECISION on pipes that the rule had not seen, and that of the map; None where too few pictures show it."""
+    from estimators.fcdd_training.placed import GAIN, MARGIN, fit_cells, grafted
+
+    sure = [k for k, lesson in enumerate(lessons) if lesson.kind == "rendered" and lesson.weights[column] > 0]
+    real = [k for k, lesson in enumerate(lessons) if lesson.kind != "rendered" and lesson.labels[column] == 0][::4]
+    positive = np.array([bool(lessons[k].places) for k in sure])
+    if positive.sum() < LEAST:
+        return None
+    rng = np.random.default_rng(3)
+    maps = _side_by_side(net, material, [*sure, *real])
+    taken = [_cells(cells, lessons[k], rng) for cells, k in zip(maps, [*sure, *real], strict=True)]
+    x = np.concatenate([cells for cells, _ in taken])
+    y = np.concatenate([labels for _, labels in taken])
+    member = np.concatenate([[lessons[k].group] * len(labels) for k, (_, labels) in zip([*sure, *real], taken, strict=True)])
+    pipes = np.array([lessons[k].group for k in sure])
+    fold = grouped_folds(list(pipes), positive[:, None].astype(np.float32), 4, np.random.default_rng(0))
+    scores = np.zeros(len(sure))
+    for number in range(4):
+        held = np.flatnonzero(fold == number)
+        others = ~np.isin(member, pipes[held])
+        rule = fit_cells(x[others], y[others])
+        for row in held:
+            unit = np.clip(rule.logits(maps[row][None]) + MARGIN, 0, 6)
+            scores[row] = 1 - np.exp(-float((np.sqrt((GAIN * unit) ** 2 + 1) - 1).mean()))
+    told = f"{int(positive.sum())} of {len(sure)} rendered pictures, AUROC {auroc(scores, positive):.3f} on unseen pipes"
+    note(f"{PLACED}: {told}")
+    net.head = grafted(net.head, column, fit_cells(x, y))
+    return threshold_for(scores, positive, PRECISION), float(np.sqrt((2 * GAIN) ** 2 + 1) - 1)
+
+
+def _side_by_side(net: Fcdd, material: Material, rows: list[int], batch: int = 32) -> list[NDArray[np.float32]]:
+    """Of each row all taps side by side (channels, h, w), the coarse one enlarged, as the head sees them."""
+    import torch
+    from torch.nn import functional
+
+    found: list[NDArray[np.float32]] = []
+    plain = [tap[0] for tap in material.features[: net.given]]
+    with torch.no_grad():
+        for k in range(0, len(rows), batch):
+            taps = net.taps(tuple(torch.from_numpy(tap[rows[k : k + batch]].astype(np.float32)) for tap in plain))
+            size = taps[0].shape[2:]
+            same = [tap if tap.shape[2:] == size else functional.interpolate(tap, size=size, mode="bilinear") for tap in taps]
+            found.extend(torch.cat(same, dim=1).numpy())
+    return found
+
+
+def _cells(
+    features: NDArray[np.float32], lesson: Lesson, rng: np.random.Generator
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Cells (n, channels) of one picture with their labels (n,); what borders on the thing is left out."""
+    from estimators.fcdd_training.placed import around, cell_of
+
+    size = (int(features.shape[1]), int(features.shape[2]))
+    near = np.zeros(size, bool)
+    here = [cell_of(u, v, size) for u, v in lesson.places]
+    for row, column in here:
+        near |= around(row, column, size)
+    rows, columns = np.nonzero(~near)
+    some = rng.permutation(len(rows))[: OTHERS[lesson.kind]]
+    places = np.array([*here, *zip(rows[some], columns[some], strict=True)])
+    labels = np.concatenate([np.ones(len(here)), np.zeros(len(some))]).astype(np.float32)
+    return features[:, places[:, 0], places[:, 1]].T, labels
