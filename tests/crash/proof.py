@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import tempfile
@@ -27,6 +28,8 @@ class Verdict:
     promises: int = 0
     """Things shown as saved by the end of the workload."""
     wrong: list[str] = field(default_factory=list)
+    raw_lost_s: float = 0.0
+    """The most of any cut."""
 
     @property
     def unreadable(self) -> int:
@@ -41,6 +44,7 @@ class Verdict:
         self.operations += other.operations
         self.promises += other.promises
         self.wrong += other.wrong
+        self.raw_lost_s = max(self.raw_lost_s, other.raw_lost_s)
         return self
 
 
@@ -53,6 +57,7 @@ def replay(
     ignored: Sequence[str] = (),
 ) -> Verdict:
     """Open every state that a cut during ``log`` may leave, or ``limit`` of them, drawn by lot."""
+    logging.disable(logging.CRITICAL)  # thousands of recoveries, each with its warning
     operations = identified(log, ignored)
     rng = Random(seed)
     found = list(states(operations, rng, samples))
@@ -63,15 +68,18 @@ def replay(
     promises, taken = Promises(), 0
     with tempfile.TemporaryDirectory(prefix="crash-", dir=memory()) as scratch:
         for state in found:
-            promises.take(op for op in operations[taken : state.cut] if op.op == "mark")
+            promises.take(operations[taken : state.cut])
             taken = state.cut
+            promises.now_ns = operations[min(state.cut, len(operations) - 1)].ns
             folder = Path(scratch) / "disk"
             folder.mkdir()
             state.tree.write_to(folder)
             verdict.states[state.kind] += 1
             verdict.wrong += [f"cut {state.cut} ({state.kind}): {sentence}" for sentence in check(folder, promises)]
             shutil.rmtree(folder)
-    promises.take(op for op in operations[taken:] if op.op == "mark")
+    logging.disable(logging.NOTSET)
+    verdict.raw_lost_s = promises.raw_lost_s
+    promises.take(operations[taken:])
     verdict.promises = len(promises.shown)
     return verdict
 

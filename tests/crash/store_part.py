@@ -86,6 +86,10 @@ class StoreWork:
         self._drive: int | None = None
         self._landmarks = 0
 
+    def close(self) -> None:
+        """The day is over."""
+        self.store.close()
+
     def step(self) -> None:
         """Whatever comes next."""
         self._rng.choice((self.measure, self.answer, self.set, self.set, self.drive, self.drive, self.drive, self.end_drive))()
