@@ -1,7 +1,7 @@
 // One report: which surveys are in it, its observations, its files.
 
 import { ask } from "./api.js";
-import { byId } from "./dom.js";
+import { byId, wake } from "./dom.js";
 import { startShell } from "./shell.js";
 
 startShell();
@@ -101,3 +101,4 @@ byId("delete").addEventListener("click", async () => {
     say(byId("failed"), error);
   }
 });
+wake();

@@ -1,7 +1,7 @@
 // The list of reports: begin one, import a pipe list, undo a deletion.
 
 import { ask } from "./api.js";
-import { byId } from "./dom.js";
+import { byId, wake } from "./dom.js";
 import { startShell } from "./shell.js";
 
 startShell();
@@ -46,3 +46,4 @@ undo?.querySelector("button").addEventListener("click", async () => {
     undo.querySelector("p").textContent = error.message;
   }
 });
+wake();
