@@ -51,6 +51,7 @@ log = logging.getLogger(__name__)
 GONE = "The raw data was removed to make room for newer surveys."
 NEVER = "No raw data was recorded."
 POSITIONS = ("entrance", "top", "middle")
+HEALTH_TOPIC = "/health"
 _STATUS_PERIOD_S = 1.0
 _MOST_FRAMES = 500
 
@@ -108,6 +109,7 @@ class Device:
             offset_ns=self._clock_offset_ns,
             on_change=self._changed.set,
             on_end=self._keep_how_it_was_recorded,
+            first_notes=lambda: {HEALTH_TOPIC: self._health.to_json()},
         )
         self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
         self._pool = pool or WorkerPool(settings.workers)
@@ -122,6 +124,7 @@ class Device:
             [("camera", feed) for feed in self._feeds]
             + [("grabber" if feed is self._crawler.grabber else "encoder", feed) for feed in self._crawler.feeds],
             turn=self.turns.loop("health", 120.0),
+            keep=lambda health: self._shelf.note(HEALTH_TOPIC, health),
         )
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.on_turn = self.turns.loop(f"watchdog of {feed.name}", 15.0)

@@ -50,7 +50,7 @@ class HealthWatch:
     """Knows the newest ``Health``; publishes "health" when a reading is there and "prompt" when something begins to matter.
 
     ``sensors`` are looked at with every call of ``now``, the computer every ``period_s`` in threads of their own: helper
-    programs may hang, and neither the page nor the surveys wait for them.
+    programs may hang, and neither the page nor the surveys wait for them. ``keep`` takes each reading into the survey's log.
     """
 
     def __init__(
@@ -64,6 +64,7 @@ class HealthWatch:
         period_s: float = PERIOD_S,
         hotspot_pace_s: tuple[float, ...] = HOTSPOT_PACE_S,
         turn: Callable[[], None] = lambda: None,
+        keep: Callable[[dict[str, Any]], None] = lambda health: None,
     ) -> None:
         self._reader, self._folder, self._clock, self._bus = reader, folder, clock, bus
         self._sensors = tuple(sensors)
@@ -72,6 +73,7 @@ class HealthWatch:
         self._restoring: threading.Thread | None = None
         self._restored = 0
         self._turn = turn
+        self._keep = keep
         self._stop = threading.Event()
         self._machine = reader.quick()
         self._codes: frozenset[str] = frozenset()
@@ -131,7 +133,9 @@ class HealthWatch:
         for code in sorted(self._codes - codes):
             log.info("over: %s", PROMPTS[code].reason)
         self._codes = codes
-        self._bus.publish("health", {**health.to_json(), "prompts": self.prompts()})
+        told = {**health.to_json(), "prompts": self.prompts()}
+        self._bus.publish("health", told)
+        self._keep(told)
         if self._hotspot.step(time.monotonic(), health.machine.hotspot):
             self._restore_hotspot()
 

@@ -25,7 +25,8 @@ TURNED_OFF = "Recording is turned off in the settings."
 
 class Shelf:
     """The folder of recordings. ``policy`` says how much of the disk they may have; ``free`` tells how much is left,
-    ``offset_ns`` what to add to the monotonic clock for the date; ``on_end`` is told of each recording that has ended."""
+    ``offset_ns`` what to add to the monotonic clock for the date; ``on_end`` is told of each recording that has ended.
+    ``first_notes`` are what each recording begins with: topic, JSON."""
 
     def __init__(
         self,
@@ -38,6 +39,7 @@ class Shelf:
         offset_ns: Callable[[], int] = lambda: 0,
         on_change: Callable[[], None] = lambda: None,
         on_end: Callable[[int, RecorderStatus], None] = lambda survey, status: None,
+        first_notes: Callable[[], Mapping[str, dict[str, Any]]] = dict,
     ) -> None:
         self.folder = folder
         self._policy = policy or DiskPolicy()
@@ -47,6 +49,7 @@ class Shelf:
         self._offset_ns = offset_ns
         self._on_change = on_change
         self._on_end = on_end
+        self._first_notes = first_notes
         self._lock = threading.Lock()
         self._under_way: list[Recorder] = []
         self._pruned = 0
@@ -67,7 +70,19 @@ class Shelf:
         )
         with self._lock:
             self._under_way = [other for other in self._under_way if other.recording] + [recorder]
-        return recorder.open() if self._enabled else recorder.turned_off(TURNED_OFF)
+        if not self._enabled:
+            return recorder.turned_off(TURNED_OFF)
+        opened = recorder.open()
+        for topic, note in self._first_notes().items():
+            opened.write(topic, note)
+        return opened
+
+    def note(self, topic: str, note: dict[str, Any]) -> None:
+        """Something that every recording under way should tell, as JSON. Never waits for the disk."""
+        with self._lock:
+            under_way = [one for one in self._under_way if one.recording]
+        for recorder in under_way:
+            recorder.write(topic, note)
 
     def make_room(self) -> bool:
         """Remove the oldest recordings where the policy asks for it; whether recording may go on. Raises OSError."""

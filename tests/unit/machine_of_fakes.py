@@ -30,6 +30,7 @@ class FakeMachine:
         self.programs.mkdir(parents=True)
         self.temperature("48312")
         self.write("proc/meminfo", "MemTotal: 3884404 kB\nMemFree: 100000 kB\nMemAvailable: 2800000 kB\n")
+        self.write("sys/class/rtc/rtc0/since_epoch", "1790000000\n")
         self.says("vcgencmd", "throttled=0x0")
         self.says("iw", RADIO, when={"station": STATIONS})
         self.says("nmcli", "lo:lo\nborescout:wlan0")
