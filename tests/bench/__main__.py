@@ -20,13 +20,21 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("cctv_run", (), ()),
     ("rings", (), ("--seeds", "2", "--metres", "5")),
     ("foe", (), ("--seeds", "2")),
+    ("virtual_map", (), ("--seconds", "20")),
     ("drive_cost", (), ("--frames", "200", "--runs", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
     ("landmark_smoothing_peers", (), ()),
     ("fcdd_boxes", (), ()),
     ("fcdd_cost", (), ("--rounds", "15")),
     ("fcdd_virtual", ("--every", "5"), ("--only", "connections", "--drives", "2")),
+    ("api_schema", (), ("--examples", "3")),
+    ("intrusion", (), ()),
+    ("hostile", (), ("--seconds", "3")),
+    ("phones", (), ("--rounds", "2", "--seconds", "8")),
     ("sensor_faults", (), ("--faults", "12")),
+    ("deliverables", (), ()),
+    ("batch", (), ("--recordings", "10", "--scaling", "4")),
+    ("replay", (), ("--rounds", "1", "--seconds", "10", "--surveys", "1", "--damages", "20")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 
