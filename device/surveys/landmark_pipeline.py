@@ -123,7 +123,8 @@ class LandmarkPipeline:
         self.frames = 0
         """Pictures that were looked at."""
         self._detector = detector
-        self._looking = Looking(setup.centre, setup.known_rings, seed, setup.sparse)
+        aspect = None if setup.focal is None else setup.focal[0] / setup.focal[1]
+        self._looking = Looking(setup.centre, setup.known_rings, seed, setup.sparse, aspect)
         self._mapper: Mapper | None = None
         self._refined: Refined | None = None
         self._camera: PipeCamera | None = None

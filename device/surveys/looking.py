@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from device.surveys.landmark_smoothing import SeenJoint
 from estimators.flow import Flow, Tracker
-from estimators.foe import Foe, Follower, estimate
+from estimators.foe import Foe, FoeConfig, Follower, estimate, video_aspect
 from estimators.odometry import Position
 from estimators.rings import FocalRadius, JointConfig, JointMap, Ring, RingMap, axis_view, dark_centre, find
 from estimators.view_checks import Watch
@@ -54,12 +54,22 @@ class Look:
 class Looking:
     """Takes the grey pictures (H, W) of one drive in their order.
 
-    ``centre`` is the principal point, None for the middle; ``known`` is sqrt(fx fy) R, where it is known. ``sparse``: the
-    pictures are too far apart in time for flow, and a position is as wrong as the counter and the picture are apart.
+    ``centre`` is the principal point, None for the middle; ``known`` is sqrt(fx fy) R and ``aspect`` fx / fy, where they are
+    known. ``sparse``: the pictures are too far apart in time for flow, and a position is as wrong as the counter and the
+    picture are apart.
     """
 
-    def __init__(self, centre: tuple[float, float] | None, known: FocalRadius | None, seed: int, sparse: bool = False) -> None:
+    def __init__(
+        self,
+        centre: tuple[float, float] | None,
+        known: FocalRadius | None,
+        seed: int,
+        sparse: bool = False,
+        aspect: float | None = None,
+    ) -> None:
         self._sparse = sparse
+        self._pixels = aspect
+        self._foe = FoeConfig()
         self._centre = centre
         self._rng = np.random.default_rng(seed)
         self._tracker = Tracker()
@@ -78,6 +88,7 @@ class Looking:
         if self._follower is None:
             height, width = gray.shape
             self._follower = Follower(self._centre or ((width - 1) / 2, (height - 1) / 2))
+            self._foe = FoeConfig(aspect=self._pixels or video_aspect(width, height))
         found, foe = (None, None) if self._sparse else self._flow(gray, position)
         if position is not None and self._far_enough(position.chainage):
             self._rings(gray, number, position.chainage)
@@ -133,7 +144,7 @@ class Looking:
         if found is None:
             return None, None
         moving = position is None or abs(position.speed) > SLOW
-        foe = estimate(found, self._rng, around=np.asarray(self._follower.centre))
+        foe = estimate(found, self._rng, self._foe, np.asarray(self._follower.centre))
         self._follower.update(foe, moving, self._pictures)
         self._pictures = 0
         return found, foe
