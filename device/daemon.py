@@ -33,6 +33,7 @@ from device.inspections.desk import Desk
 from device.lamp import LampKeeper
 from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
+from device.prompts import PROMPTS
 from device.recorder import RecorderStatus, Shelf
 from device.recorder.names import Name, name_of
 from device.recorder.policy import MB, DiskPolicy
@@ -214,7 +215,7 @@ class Device:
             "storage": {"free_mb": self._free_mb(), "notice": self._store.notice},
             "recording": self._shelf.status(),
             "clock": {"source": self._clock.source},
-            "prompts": self._health.prompts(),
+            "prompts": [*self._health.prompts(), *([PROMPTS["not_recorded"].to_json()] if self._shelf.lost else [])],
             "lamp": None if self._lamp is None else self._lamp.state(),
             "autonomy": self._unattended.state(),
             "workers_replaced": self._pool.replaced,
@@ -235,20 +236,19 @@ class Device:
 
     def unattended(self) -> dict[str, Any]:
         """Logging by itself, and the journal: {"autonomy", "unsafe_shutdowns", "looked_at" (the last entry that somebody has
-        read), "news" (how many came since), "entries" newest last, each with its sentence}."""
+        read), "entries" newest last, each with its sentence}."""
         journal = self._store.journal
-        looked_at, entries = journal.looked_at, told(journal.entries())
         return {
             "autonomy": self._unattended.state(),
             "unsafe_shutdowns": journal.unsafe_shutdowns(),
-            "looked_at": looked_at,
-            "news": sum(entry["id"] > looked_at and entry["what"] not in ("on", "off") for entry in entries),
-            "entries": entries,
+            "looked_at": journal.looked_at,
+            "entries": told(journal.entries()),
         }
 
     def look_at_journal(self, entry: int) -> None:
         """Somebody has read the journal up to this entry."""
-        self._store.journal.look(entry)
+        self._unattended.looked(entry)
+        self._changed.set()
 
     def log_by_itself(self, on: bool) -> dict[str, Any]:
         """Begin and end surveys by itself from now on, or not; the state of it."""

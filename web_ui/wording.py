@@ -11,6 +11,15 @@ CLASSES = ("connection", "deposit", "displaced joint", "fracture", "roots")
 """What may be marked by hand with one tap; anything else is typed."""
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _POSITIONS = {"entrance": "in front of the pipe", "top": "top of the pipe", "middle": "middle of the pipe"}
+_JOURNAL_ICONS = {
+    "begin": "play",
+    "measure": "target",
+    "end": "end",
+    "cut": "warning",
+    "held": "pause",
+    "released": "play",
+    "drop": "bin",
+}
 _REASONS = {
     "no_pipe": "no pipe in view",
     "few_points": "too few points",
@@ -67,7 +76,14 @@ def pipe_name(survey: dict[str, Any]) -> str:
 
 def megabytes(size: int) -> str:
     """The size of a file."""
+    if size < 1e6:
+        return f"{size / 1e3:.0f} kB"
     return f"{size / 1e6:.1f} MB" if size < 1e9 else f"{size / 1e9:.2f} GB"
+
+
+def journal_icon(entry: dict[str, Any]) -> str:
+    """The icon of one line of the journal."""
+    return _JOURNAL_ICONS.get(entry["what"], "dot")
 
 
 def metres(value: float | None, digits: int = 2) -> str:

@@ -27,7 +27,7 @@ from drivers.depth.base import DepthFrame
 
 log = logging.getLogger(__name__)
 
-SYNC_S = 0.4
+SYNC_S = 0.3
 """So often what has come is forced onto the disk: even if the disk takes its time, within the second that is promised."""
 MOST_WAITING = 64 * MB
 """Pictures waiting for the disk, in bytes of memory; a card that halts for a second or two costs none."""

@@ -122,6 +122,12 @@ class Shelf:
         """The recordings of a survey, oldest first."""
         return [path for path in recordings_in(self.folder) if (name := name_of(path)) and name.survey == survey]
 
+    @property
+    def lost(self) -> bool:
+        """Whether the newest survey is not recorded though it should be."""
+        with self._lock:
+            return bool(self._under_way) and self._under_way[-1].lost
+
     def under_way(self, survey: int) -> RecorderStatus | None:
         """Of the survey's recording that is being written, if one is."""
         with self._lock:

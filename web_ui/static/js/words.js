@@ -31,6 +31,7 @@ export const SHORT = {
   memory_low: "Memory low",
   usb_slow: "Slow USB",
   hotspot_silent: "Hotspot silent",
+  not_recorded: "Not recorded",
 };
 
 export function age(seconds) {
