@@ -20,10 +20,9 @@ from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import Flowable, Image, KeepTogether, PageBreak, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
 
 from device.export.base import Options, printable
-from device.export.wording import WORDS
+from device.export.wording import WORDS, reason
 from device.inspections.codes import codes
 from device.inspections.model import DiameterSheet, Inspection, Observation
-from device.prompts import PROMPTS
 
 _FOOT_M, _INCH_MM = 0.3048, 25.4
 _WIDTH = A4[0] - 36 * mm
@@ -43,7 +42,7 @@ def pdf(inspection: Inspection, options: Options) -> bytes:
         *_diameters(inspection, options, words),
         *_anomalies(inspection, options, words),
         *_landmarks(inspection, options, words),
-        *_refused(inspection, words),
+        *_refused(inspection, options, words),
     ]
     file = io.BytesIO()
     title = f"{words['report']}: {inspection.pipe.name}"
@@ -201,7 +200,7 @@ def _diameters(inspection: Inspection, options: Options, words: dict[str, str]) 
     for sheet in inspection.diameters:
         low_high = sheet.interval_mm
         interval = "-" if low_high is None else " – ".join(_millimetres(value, options, words) for value in low_high)
-        reasons = "; ".join(PROMPTS[code].reason if code in PROMPTS else code for code in sheet.reasons)
+        reasons = " ".join(reason(code, options.language) for code in sheet.reasons)
         rows = [
             (words["verdict"], words[sheet.verdict]),
             (words["mean"], _millimetres(sheet.diameter_mm, options, words)),
@@ -318,9 +317,14 @@ def _landmarks(inspection: Inspection, options: Options, words: dict[str, str]) 
     return [_paragraph(words["landmarks"], _HEAD), _table([head, *rows], [35 * mm] * 5)]
 
 
-def _refused(inspection: Inspection, words: dict[str, str]) -> list[Flowable]:
-    refused = inspection.refused or (words["nothing_refused"],)
-    return [_paragraph(words["refused"], _HEAD), *(_paragraph(sentence) for sentence in refused)]
+def _refused(inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:
+    refused = [
+        f"{words['diameter']}, {words['survey']} {sheet.survey}: "
+        + (" ".join(reason(code, options.language) for code in sheet.reasons) or words["by_operator"])
+        for sheet in inspection.diameters
+        if sheet.verdict != "accept"
+    ]
+    return [_paragraph(words["refused"], _HEAD), *(_paragraph(line) for line in refused or [words["nothing_refused"]])]
 
 
 def _table(rows: Sequence[Sequence[str]], widths: Sequence[float], head: bool = True) -> Table:

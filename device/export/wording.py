@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from device.prompts import PROMPTS
+
 WORDS: dict[str, dict[str, str]] = {
     "en": {
         "report": "Sewer inspection report",
@@ -62,6 +64,8 @@ WORDS: dict[str, dict[str, str]] = {
         "device": "Device",
         "refused": "What was refused and why",
         "nothing_refused": "Nothing was refused.",
+        "survey": "survey",
+        "by_operator": "Refused by the operator.",
         "page": "Page",
         "number": "No.",
     },
@@ -124,8 +128,31 @@ WORDS: dict[str, dict[str, str]] = {
         "device": "Gerät",
         "refused": "Was abgelehnt wurde und warum",
         "nothing_refused": "Es wurde nichts abgelehnt.",
+        "survey": "Messung",
+        "by_operator": "Vom Untersucher abgelehnt.",
         "page": "Seite",
         "number": "Nr.",
     },
 }
 LANGUAGES = tuple(WORDS)
+
+REASONS_DE = {
+    "no_pipe": "Es ist kein Rohr zu sehen.",
+    "few_points": "Die Kamera sieht zu wenig von der Wand.",
+    "aim": "Die Kamera blickt nicht längs durch das Rohr.",
+    "shape": "Das Rohr ist hier nicht rund.",
+    "motion": "Das Gerät hat sich während der Messung bewegt.",
+    "unstable": "Der Durchmesser ändert sich von Versuch zu Versuch.",
+    "wide_interval": "Der Durchmesser ist nicht genau genug bekannt, um einen Liner zu bestellen.",
+    "water": "Wasser oder Ablagerung verdeckt den unteren Teil des Rohrs.",
+    "camera_lost": "Die Kamera hat keine Bilder mehr geliefert.",
+    "second_position": "Ein so weites Rohr braucht eine zweite Messung.",
+}
+"""Why a diameter was refused, in German; in English ``device.prompts`` has the sentences."""
+
+
+def reason(code: str, language: str) -> str:
+    """Why a diameter was refused, as a sentence; the code itself where there is none."""
+    if language == "de" and code in REASONS_DE:
+        return REASONS_DE[code]
+    return PROMPTS[code].reason if code in PROMPTS else code

@@ -25,7 +25,6 @@ def assemble(store: Store, number: int) -> Inspection:
     diameters: list[DiameterSheet] = []
     landmarks: list[Mapping[str, Any]] = []
     photos = [Photo(name, jpeg) for name, jpeg in store.inspections.photos(number).items()]
-    refused: list[str] = []
     clouds: list[Cloud] = []
     for survey in kept["surveys"]:
         survey_id = survey["survey_id"]
@@ -37,7 +36,6 @@ def assemble(store: Store, number: int) -> Inspection:
             stated = store.surveys.get(survey_id)
             if stated["result"] is not None:
                 diameters.append(_sheet(survey_id, stated["result"], stated["final_verdict"], survey["station_m"]))
-                refused += _reasons(survey_id, stated["result"], stated["final_verdict"])
             cloud = store.surveys.cloud(survey_id)
             if cloud is not None:
                 clouds.append(_cloud(survey_id, cloud, survey["station_m"]))
@@ -56,7 +54,6 @@ def assemble(store: Store, number: int) -> Inspection:
         diameters=tuple(diameters),
         clouds=tuple(clouds),
         landmarks=tuple(landmarks),
-        refused=tuple(refused),
     )
     edited = store.inspections.observations(number)
     coded = observations(inspection) if edited is None else read_observations(edited)
@@ -140,13 +137,6 @@ def _cloud(survey_id: int, cloud: Mapping[str, Any], station: float | None) -> C
         tuple(fitted["point"]) if fitted else None,
         station,
     )
-
-
-def _reasons(survey_id: int, result: Mapping[str, Any], verdict: str) -> list[str]:
-    if verdict == "accept":
-        return []
-    found = [f"Diameter, survey {survey_id}: {prompt['reason']} {prompt['remedy']}" for prompt in result.get("prompts", [])]
-    return found or [f"Diameter, survey {survey_id}: refused by the operator."]
 
 
 def _file_name(text: str) -> str:

@@ -128,7 +128,6 @@ class Inspection:
     landmarks: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()
     structures: tuple[Mapping[str, Any], ...] = ()
-    refused: tuple[str, ...] = ()
     device: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -64,7 +64,6 @@ def whole() -> Inspection:
             landmark(3, "roots", 12.0, clock=12.0, decision="rejected"),
         ),
         anomalies=({"chainage_m": 15.0, "peak_mm": 22.0, "area_mm2": 1500.0, "clock": 6.2},),
-        refused=("Diameter, survey 4: The camera looks past the pipe. Aim along it.",),
         device={"program": "test"},
     )
     return replace(inspection, observations=observations(inspection))

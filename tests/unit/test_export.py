@@ -24,7 +24,9 @@ from device.export.base import Options, printable
 from device.export.en13508 import en13508, observations_of, read
 from device.export.formats import NAMES, export
 from device.export.isybau import NAMESPACE, isybau
+from device.export.wording import REASONS_DE, reason
 from device.inspections.model import Inspection, Observation
+from device.prompts import PROMPTS
 from tests.unit.inspections import any_inspection, whole
 
 OPTIONS = Options(made=date(2026, 6, 2))
@@ -209,12 +211,21 @@ def test_geojson_without_a_place_is_refused(change: dict[str, object], says: str
 def test_the_report_has_its_texts_and_pictures_in_both_languages() -> None:
     english = PdfReader(io.BytesIO(export("pdf", whole(), OPTIONS)[0]))
     text = " ".join(page.extract_text() for page in english.pages)
-    for wanted in ("M1-M2", "Connection", "401.0 mm", "398.0 mm", "refused: do not order", "28.30 m", "Aim along it", "Ann"):
+    for wanted in (
+        "M1-M2",
+        "Connection",
+        "401.0 mm",
+        "398.0 mm",
+        "refused: do not order",
+        "28.30 m",
+        "does not look along the pipe",
+        "Ann",
+    ):
         assert wanted in text, wanted
     assert sum(len(page.images) for page in english.pages) == 1
     german = PdfReader(io.BytesIO(export("pdf", whole(), replace(OPTIONS, language="de", imperial=True))[0]))
     text = " ".join(page.extract_text() for page in german.pages)
-    for wanted in ("Anschluss", "Haltungsgrafik", "15.79 in", "92.8 ft"):
+    for wanted in ("Anschluss", "Haltungsgrafik", "15.79 in", "92.8 ft", "blickt nicht längs"):
         assert wanted in text, wanted
 
 
@@ -222,6 +233,22 @@ def test_the_report_has_its_texts_and_pictures_in_both_languages() -> None:
 @given(inspection=any_inspection())
 def test_any_inspection_gives_a_report(inspection: Inspection) -> None:
     assert len(PdfReader(io.BytesIO(export("pdf", inspection, OPTIONS)[0])).pages) >= 2
+
+
+def test_every_reason_to_refuse_a_diameter_is_worded_in_german() -> None:
+    assert set(REASONS_DE) <= set(PROMPTS)
+    for code in (
+        "no_pipe",
+        "few_points",
+        "aim",
+        "motion",
+        "unstable",
+        "wide_interval",
+        "water",
+        "camera_lost",
+        "second_position",
+    ):
+        assert reason(code, "de") != reason(code, "en") != code
 
 
 def test_points_and_scene_are_read_by_a_public_reader() -> None:
