@@ -195,7 +195,7 @@ class _Plan:
             missed = 1 - detector.table[landmark.label][1]
             bursty = missed * detector.bursty
             self._single[landmark.label] = (missed - bursty) / max(1 - bursty, 1e-9)
-            self._missing[landmark.id] = _struck(self._frames, bursty, detector.burst, rng)
+            self._missing[landmark.id] = struck(self._frames, bursty, detector.burst, rng)
         self._single_false: dict[str, float] = {}
         self._false: dict[int, list[SeenLandmark]] = {}
         for label, (precision, recall) in detector.table.items():
@@ -241,7 +241,7 @@ def _plan(drive: Drive, detector: Detector) -> _Plan:
     return _Plan(detector, drive.camera, drive.sewer.landmarks, sample, frames, rng)
 
 
-def _struck(frames: int, share: float, burst: tuple[int, int], rng: np.random.Generator) -> NDArray[np.bool_]:
+def struck(frames: int, share: float, burst: tuple[int, int], rng: np.random.Generator) -> NDArray[np.bool_]:
     """Which of ``frames`` are hit by bursts that hit ``share`` of them; a frame is free of them with (1 - rate)^length."""
     rate = 1 - (1 - share) ** (2 / (burst[0] + burst[1]))
     struck = np.zeros(frames, bool)
