@@ -64,6 +64,7 @@ class Unattended:
         self._enabled = bool(store.remembered.get(_SWITCH).get("on", enabled))
         self._machine: Autonomy | None = None
         self._own: int | None = None
+        self._news = 0
         self._continues: int | None = None
         self._last_time = LastTime()
         self._viewed: tuple[int, PipeView] | None = None
@@ -74,6 +75,7 @@ class Unattended:
     def start(self, last_time: LastTime) -> None:
         """Begin to look. ``last_time``: how the box last stopped."""
         self._last_time = last_time
+        self._news = self._store.journal.news()
         if last_time.cut is not None and self._is_kept(last_time.cut):
             self._continues = last_time.cut
         self._thread.start()
@@ -98,14 +100,21 @@ class Unattended:
                 self._machine = None
 
     def state(self) -> dict[str, Any]:
-        """{"on", "state", "survey_id" of its own drive, "holds": sentences why none is begun}."""
+        """{"on", "state", "survey_id" of its own drive, "holds": sentences why none is begun, "news": how many entries of the
+        journal nobody has read}."""
         machine = self._machine
         return {
             "on": self._enabled,
             "state": "off" if machine is None or not self._enabled else machine.state,
             "survey_id": self._own,
             "holds": [] if machine is None else [REASONS[hold] for hold in machine.holds],
+            "news": self._news,
         }
+
+    def looked(self, entry: int) -> None:
+        """Somebody has read the journal up to this entry."""
+        self._store.journal.look(entry)
+        self._news = self._store.journal.news()
 
     def _run(self) -> None:
         while not self._stop.wait(self._period_s):
@@ -167,6 +176,7 @@ class Unattended:
     def _write(self, what: What, survey_id: int | None, reason: str, at_s: float) -> None:
         try:
             self._store.journal.add(what, survey_id, reason, at_s)
+            self._news += 1
         except DeviceError as error:  # a full disk: the surveys matter more
             log.error("the journal could not be written: %s", error)
 

@@ -104,6 +104,39 @@ class ClockState(Answer):
     source: Literal["rtc", "ntp", "browser", "none"]
 
 
+class Autonomy(Answer):
+    """Logging by itself: `state` is off, waiting, surveying, aside or held; `holds` are sentences why none is begun; `news` is
+    how much has happened since somebody read the journal."""
+
+    on: bool
+    state: str
+    survey_id: int | None
+    holds: list[str]
+    news: int
+
+
+class JournalEntry(Answer):
+    """One line of the journal; `at` is null where nobody knew the date."""
+
+    id: int
+    what: str
+    survey_id: int | None
+    reason: str
+    at: str | None
+    at_s: float
+    boot: str
+    text: str
+
+
+class Alone(Answer):
+    """What happened while nobody looked, the newest last; it was read up to entry `looked_at`."""
+
+    autonomy: Autonomy
+    unsafe_shutdowns: int
+    looked_at: int
+    entries: list[JournalEntry]
+
+
 class Status(Answer):
     """The box at this moment."""
 

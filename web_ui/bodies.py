@@ -141,6 +141,18 @@ class LampBody(Body):
     automatic: bool | None = None
 
 
+class AloneBody(Body):
+    """Log by itself, or not."""
+
+    on: bool
+
+
+class LookedBody(Body):
+    """Somebody has read the journal up to this entry."""
+
+    entry: Annotated[int, Field(ge=0, le=MAX_ID)]
+
+
 class ZeroBody(Body):
     """The crawler stands at this chainage now."""
 

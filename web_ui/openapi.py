@@ -91,6 +91,9 @@ ROUTES: dict[str, Told] = {
     "box.health": Told("Everything about the box itself, and what the operator should know of it", answers.Health),
     "box.lamp": Told("The lamp", answers.Lamp, errors=(404,)),
     "box.set_lamp": Told("How bright the lamp is, or that it is automatic", answers.Lamp, bodies.LampBody, errors=(404,)),
+    "alone.told": Told("Logging by itself, and the journal of what happened", answers.Alone),
+    "alone.switch": Told("Log by itself, or not", answers.Autonomy, bodies.AloneBody),
+    "alone.looked": Told("Somebody has read the journal up to an entry", None, bodies.LookedBody),
     "inspecting.inspections": Told("All inspections", list[answers.InspectionRow], query=wanted.InspectionQuery),
     "inspecting.begin": Told(
         "Begin an inspection; it takes the pipe's surveys that belong to none",

@@ -22,6 +22,7 @@ def blueprint(device: "Device") -> Blueprint:
     pages.add_app_template_filter(wording.position, "position")
     pages.add_app_template_filter(wording.reason, "reason")
     pages.add_app_template_filter(wording.pipe_name, "pipe_name")
+    pages.add_app_template_filter(wording.journal_icon, "journal_icon")
     pages.add_app_template_filter(wording.metres, "metres")
     pages.add_app_template_filter(wording.megabytes, "megabytes")
     pages.add_app_template_filter(wording.span_m, "span_m")

@@ -81,6 +81,15 @@ class Journal:
             row = connection.execute("SELECT body FROM kept WHERE name = ?", (_LOOKED,)).fetchone()
         return 0 if row is None else int(json.loads(row["body"])["id"])
 
+    def news(self) -> int:
+        """How many entries nobody has looked at; that the box was switched on and off is none."""
+        with self._database.read() as connection:
+            return int(
+                connection.execute(
+                    "SELECT count(*) FROM journal WHERE what NOT IN ('on', 'off') AND id > ?", (self.looked_at,)
+                ).fetchone()[0]
+            )
+
     def look(self, number: int) -> None:
         """Somebody has looked at everything up to this entry."""
         with self._database.write() as connection:

@@ -22,6 +22,7 @@ from device.access import Access
 from device.bus import Bus, Subscription
 from device.daemon import GONE
 from device.errors import Busy, Invalid, NotFound
+from tests.browser.fake_alone import FakeAlone
 from tests.browser.fake_box import FakeBox
 from tests.browser.fake_drive import FakeDrive
 from tests.pairing import PIN
@@ -150,7 +151,7 @@ def color_jpeg(number: int) -> bytes:
 
 
 @dataclass
-class FakeDevice(FakeBox, FakeDrive):
+class FakeDevice(FakeAlone, FakeBox, FakeDrive):
     """The facade over canned answers; thread-safe enough for a web server."""
 
     scene: str = "good"
@@ -209,6 +210,7 @@ class FakeDevice(FakeBox, FakeDrive):
         age = time.monotonic() - self._lost_since if self._lost_since is not None else 0.04
         return {
             "version": "0.1.0",
+            "autonomy": self.autonomy(),
             "uptime_s": round(time.monotonic() - self._started, 1),
             "cameras": [
                 {

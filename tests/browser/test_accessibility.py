@@ -8,6 +8,7 @@ from playwright.sync_api import Page, expect
 
 from tests.browser.conftest import Watched
 from tests.browser.fake_device import FakeDevice
+from tests.browser.test_alone import NIGHT
 
 STATES = [
     "/",
@@ -26,6 +27,7 @@ STATES = [
     "/surveys/map",
     "/surveys/map landmark",
     "/surveys/map 3d",
+    "/alone",
     "/nothing",
 ]
 CONTRAST_OF = """() => {
@@ -86,6 +88,8 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
         device.add_survey(None, pipe, "top", "second")
         device.add_drive(pipe, "interrupted")
         path = "/surveys?deleted=9"
+    elif path == "/alone":
+        device.journal, device.logs_by_itself, device.held = NIGHT, True, ("The disk was nearly full.",)
     if state in ("poor", "lost"):
         device.scene = state
     page = watched.open(path)

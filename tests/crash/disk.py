@@ -87,12 +87,22 @@ class Tree:
 
 @dataclass(frozen=True)
 class State:
-    """What lies on the disk when the power went right before operation number ``cut`` of the log."""
+    """What lies on the disk when the power went right before operation number ``cut`` of the log: what was durable, and the
+    operations beyond that arrived."""
 
-    tree: Tree
+    durable: Tree
+    arrived: Sequence[Operation]
     cut: int
     kind: str
     """prefix, subset, torn or sample"""
+
+    @property
+    def tree(self) -> Tree:
+        """Made anew each time: thousands of them would fill the memory."""
+        tree = self.durable.copy()
+        for op in self.arrived:
+            tree.apply(op)
+        return tree
 
 
 def identified(log: Sequence[Operation], ignored: Sequence[str] = ()) -> list[Operation]:
@@ -117,7 +127,7 @@ def states(log: Sequence[Operation], rng: Random, samples: int = 1000, torn_each
     A set of unsynced operations only grows until something is synced, so that the moments before each sync, and the end, have
     all states of the moments between; and there most is expected of them.
     """
-    cuts = [(position, durable, pending) for position, durable, pending in _moments(log)]
+    cuts = list(_moments(log))
     large = [index for index, (_, _, pending) in enumerate(cuts) if len(pending) > ALL_SUBSETS]
     share = dict.fromkeys(large, samples // max(1, len(large)))
     for index in rng.sample(large, samples % len(large)) if large else ():
@@ -130,17 +140,18 @@ def states(log: Sequence[Operation], rng: Random, samples: int = 1000, torn_each
     for position, op in enumerate(log):
         whole.apply(op)
         if op.op not in ("mark", "sync", "sync folder"):
-            _keep(latest, whole, (), position + 1, "prefix")
+            _keep(latest, whole.copy(), (), position + 1, "prefix")
     yield from latest.values()
 
 
 def _keep(latest: dict[bytes, State], durable: Tree, chosen: Sequence[Operation], position: int, kind: str) -> None:
-    tree = durable.copy()
-    for op in chosen:
-        tree.apply(op)
-    key = tree.key()
-    if key not in latest or latest[key].cut < position:
-        latest[key] = State(tree, position, kind if key not in latest else latest[key].kind)
+    state = State(durable, tuple(chosen), position, kind)
+    key = state.tree.key()
+    known = latest.get(key)
+    if known is None:
+        latest[key] = state
+    elif known.cut < position:
+        latest[key] = replace(known, cut=position)
 
 
 def _moments(log: Sequence[Operation]) -> Iterator[tuple[int, Tree, list[Operation]]]:

@@ -63,9 +63,9 @@ def test_it_can_be_switched_off_at_the_page_and_stays_so_after_a_restart(left_al
     news = device.unattended()
     assert [entry["what"] for entry in news["entries"]] == ["on", "begin", "end"]
     assert news["entries"][-1]["text"] == "Survey 1 ended. Logging by itself was switched off."
-    assert news["news"] == 2
+    assert news["autonomy"]["news"] == 2
     device.look_at_journal(news["entries"][-1]["id"])
-    assert device.unattended()["news"] == 0
+    assert device.unattended()["autonomy"]["news"] == 0
     assert device.survey_map(1)["state"] == "saved"
     device.close()
     device = left_alone()

@@ -48,6 +48,6 @@ export function showHealth(status, link) {
     if (item.detail) words.append(html("span", { class: "small" }, item.detail));
     return html("li", { "data-state": item.state }, [icon(item.icon), words]);
   });
-  const more = html("p", {}, [html("a", { href: "/health" }, "Everything about the box")]);
+  const more = html("p", {}, [html("a", { href: "/health" }, "Everything about the box"), " · ", html("a", { href: "/alone" }, "While nobody looked")]);
   byId("health-body").replaceChildren(html("ul", {}, rows), more, html("p", { class: "small" }, [`borescout ${status.version} · `, html("a", { href: "/pair" }, "Paired devices and control")]));
 }

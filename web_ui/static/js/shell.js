@@ -2,9 +2,14 @@
 
 import { offerClock } from "./clock.js";
 import { startControl } from "./control.js";
-import { announce, byId } from "./dom.js";
+import { announce, byId, setText } from "./dom.js";
 import { Feed } from "./events.js";
 import { showHealth } from "./health.js";
+
+function showNews(count) {
+  byId("news").hidden = !count || location.pathname === "/alone";
+  setText(byId("news-count"), count === 1 ? "One thing" : `${count} things`);
+}
 
 export function startShell({ live = null } = {}) {
   const feed = new Feed(live ? { live } : { live: null, pollMs: 2000 });
@@ -13,6 +18,7 @@ export function startShell({ live = null } = {}) {
   feed.on("status", (value) => {
     status = value;
     show();
+    showNews(value.autonomy?.news ?? 0);
   });
   feed.on("link", (link) => {
     byId("link-lost").hidden = link !== "lost";
