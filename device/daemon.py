@@ -54,6 +54,8 @@ NEVER = "No raw data was recorded."
 POSITIONS = ("entrance", "top", "middle")
 HEALTH_TOPIC = "/health"
 _STATUS_PERIOD_S = 1.0
+_ROOM_AGAIN = 1.2
+"""There is room again for surveys by itself where so many times the reserve is free: a value at the edge must not flicker."""
 _MOST_FRAMES = 500
 
 
@@ -145,7 +147,7 @@ class Device:
             frames=settings.frames,
             turn=self.turns.loop("autonomy", 60.0),
         )
-        self._started = False
+        self._started = self._disk_low = False
         self._announcer = threading.Thread(target=self._announce, name="status", daemon=True)
 
     def start(self) -> Device:
@@ -162,7 +164,9 @@ class Device:
             log.warning("%d drive(s) were cut off when the box last stopped and are kept as far as they went", interrupted)
         purged = self._store.surveys.purge(self.settings.purge_days)
         if purged:
-            log.info("%d survey(s) deleted more than %d days ago were removed", purged, self.settings.purge_days)
+            log.info("%d survey(s) deleted more than %d days ago were removed", len(purged), self.settings.purge_days)
+        for survey in purged:
+            self._shelf.remove(survey)
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
         self._live.start()
@@ -526,7 +530,9 @@ class Device:
 
     def _condition(self) -> Condition:
         codes = {prompt["code"] for prompt in self._health.prompts()}
-        return Condition(self._free_mb() < self.settings.reserve_mb, "too_hot" in codes, "under_voltage" in codes)
+        least_mb = self.settings.reserve_mb * (_ROOM_AGAIN if self._disk_low else 1.0)
+        self._disk_low = self._free_mb() < least_mb
+        return Condition(self._disk_low, "too_hot" in codes, "under_voltage" in codes)
 
     def _refuse_without_room(self) -> None:
         if self._free_mb() < self.settings.reserve_mb:

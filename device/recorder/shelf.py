@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import shutil
 import threading
@@ -51,6 +52,7 @@ class Shelf:
         self._on_end = on_end
         self._first_notes = first_notes
         self._lock = threading.Lock()
+        self._making_room = threading.Lock()
         self._under_way: list[Recorder] = []
         self._pruned = 0
         self._reports: list[Report] = []
@@ -86,21 +88,27 @@ class Shelf:
 
     def make_room(self) -> bool:
         """Remove the oldest recordings where the policy asks for it; whether recording may go on. Raises OSError."""
-        make_folder(self.folder)
-        stored = [Stored(path, path.stat().st_size) for path in recordings_in(self.folder)]
-        wanted = decide(self._free(self.folder), stored, self._policy)
-        if not wanted.remove:
+        with self._making_room:
+            make_folder(self.folder)
+            free = self._free(self.folder)
+            if free >= self._policy.keep_free and self._policy.most_raw is None:
+                return True
+            wanted = decide(free, self._stored(), self._policy)
+            for path in wanted.remove:
+                log.warning("room is short: the recording %s goes", path.name)
+                path.unlink(missing_ok=True)
+                self._pruned += 1
+            if wanted.remove:
+                sync_folder(self.folder)
             return wanted.may_record
-        busy = {path for path in wanted.remove if in_use(path)}
-        if busy:
-            stored = [Stored(one.path, one.size, in_use(one.path)) for one in stored]
-            wanted = decide(self._free(self.folder), stored, self._policy)
-        for path in wanted.remove:
-            log.warning("the disk is nearly full: the recording %s goes", path.name)
-            path.unlink(missing_ok=True)
-            self._pruned += 1
-        sync_folder(self.folder)
-        return wanted.may_record
+
+    def _stored(self) -> list[Stored]:
+        """Every recording, oldest first."""
+        found = []
+        for path in recordings_in(self.folder):
+            with contextlib.suppress(FileNotFoundError):  # somebody removed it just now
+                found.append(Stored(path, path.stat().st_size, in_use(path)))
+        return found
 
     def recover_all(self) -> list[Report]:
         """Make whole what was cut off when the box last stopped. What cannot be recovered stays as it is."""
@@ -135,9 +143,12 @@ class Shelf:
         return found[-1].status() if found else None
 
     def remove(self, survey: int) -> None:
-        """The survey is gone for good, and so are its recordings."""
+        """The survey is gone for good, and so are its recordings. What cannot be removed stays until there is need of its room."""
         for path in self.files(survey):
-            path.unlink(missing_ok=True)
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                log.error("the recording %s cannot be removed: %s", path.name, error)
 
     def status(self) -> dict[str, Any]:
         """The recordings under way and what became of others, JSON-ready."""

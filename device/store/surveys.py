@@ -247,15 +247,16 @@ class Surveys:
             survey_row(connection, survey_id, deleted=True)
             connection.execute("UPDATE surveys SET deleted = 0, deleted_ms = NULL WHERE id = ?", (survey_id,))
 
-    def purge(self, older_than_days: int) -> int:
-        """Remove for good what was deleted that long ago; how many. While the date is unknown nothing is removed."""
+    def purge(self, older_than_days: int) -> list[int]:
+        """Remove for good what was deleted that long ago; their numbers. While the date is unknown nothing is removed."""
         now_ms = self._clock.epoch_ms()
         if now_ms is None:
-            return 0
+            return []
         with self._database.write() as connection:
-            return connection.execute(
-                "DELETE FROM surveys WHERE deleted AND deleted_ms < ?", (now_ms - older_than_days * _DAY_MS,)
-            ).rowcount
+            gone = connection.execute(
+                "DELETE FROM surveys WHERE deleted AND deleted_ms < ? RETURNING id", (now_ms - older_than_days * _DAY_MS,)
+            )
+            return [int(row["id"]) for row in gone.fetchall()]
 
     def date_this_boot(self) -> None:
         """Now that the date is known: date what was measured since the box was switched on."""

@@ -162,7 +162,7 @@ def test_pictures_go_with_their_survey(store: Store, clock: SteeredClock) -> Non
     assert store.surveys.picture(survey_id, "color") == b"color"
     store.surveys.delete(survey_id)
     clock.ns += 31 * 86_400 * 10**9
-    assert store.surveys.purge(30) == 1
+    assert len(store.surveys.purge(30)) == 1
     with store._database.read() as connection:
         assert connection.execute("SELECT count(*) FROM findings").fetchone()[0] == 0
     with pytest.raises(NotFound):
@@ -226,9 +226,9 @@ def test_delete_undo_and_purge(store: Store, clock: SteeredClock) -> None:
     assert store.surveys.get(gone)["id"] == gone
     store.surveys.delete(gone)
     clock.ns += 29 * 86_400 * 10**9
-    assert store.surveys.purge(30) == 0
+    assert len(store.surveys.purge(30)) == 0
     clock.ns += 2 * 86_400 * 10**9
-    assert store.surveys.purge(30) == 1
+    assert len(store.surveys.purge(30)) == 1
     with pytest.raises(NotFound):
         store.surveys.restore(gone)
     assert saved(store) > gone  # a number is never used twice
@@ -236,7 +236,7 @@ def test_delete_undo_and_purge(store: Store, clock: SteeredClock) -> None:
 
 def test_nothing_is_purged_while_the_date_is_unknown(store: Store) -> None:
     store.surveys.delete(saved(store))
-    assert store.surveys.purge(0) == 0
+    assert len(store.surveys.purge(0)) == 0
 
 
 def test_what_was_measured_before_the_date_was_known_gets_it_afterwards(store: Store, clock: SteeredClock) -> None:
