@@ -31,6 +31,12 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("intrusion", (), ()),
     ("hostile", (), ("--seconds", "3")),
     ("phones", (), ("--rounds", "2", "--seconds", "8")),
+    ("unattended", (), ("--tour", "two")),
+    (
+        "crash",
+        ("--rounds", "1"),
+        ("--rounds", "1", "--samples", "50", "--kills", "20", "--points", "10", "--flips", "20", "--daemon-kills", "0"),
+    ),
     ("sensor_faults", (), ("--faults", "12")),
     ("deliverables", (), ()),
     ("batch", (), ("--recordings", "10", "--scaling", "4")),

@@ -135,7 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.unattended", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--tour", choices=sorted(TOURS), default="five")
     parser.add_argument("--scale", type=float, default=4.0, help="at most so many times as fast as ours the sewer's clock runs")
-    parser.add_argument("--room", type=int, default=250, help="MB left on the disk that is played; 0 for the real disk")
+    parser.add_argument("--room", type=int, default=80, help="MB left on the disk that is played; 0 for the real disk")
     parser.add_argument("--keep", type=Path, help="keep what the box wrote in this folder")
     given = parser.parse_args()
     tour = TOURS[given.tour]()
@@ -146,6 +146,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="unattended-") as scratch:
         folder = given.keep or Path(scratch)
         parts, entries = drive(folder, given.tour, given.scale, cuts, room)
+        made = {int(path.name.split("-")[1]) for path in (folder / "data").rglob("*.mcap")}
         written = sum(path.stat().st_size for path in (folder / "data").rglob("*") if path.is_file())
     rows, invented = compare(tour, parts, entries)
     print(f"{tour.length_s:.0f} s of a virtual drive at {given.scale:g} times its pace; power cut at", end=" ")
@@ -172,6 +173,7 @@ def main() -> None:
     worst = max((abs(off) for row in rows for off in (row.begin_off_s, row.end_off_s) if off is not None), default=0.0)
     lost = sum(not row.parts for row in rows)
     print(f"\nsurveys: {len(rows) - lost} of {len(rows)}, lost {lost}, invented {len(invented)}; worst boundary {worst:.1f} s")
+    print(f"raw data left on the disk: of survey {', '.join(map(str, sorted(made))) or 'none'}")
     print(f"unsafe shutdowns counted: {sum(entry['what'] == 'cut' for entry in entries)} of {len(cuts)}")
     for part in invented:
         print(f"  invented: survey {part.survey_id}, {part.begin_s:.1f} to {part.end_s:.1f} s, {part.reason}")

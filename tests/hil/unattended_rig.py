@@ -40,6 +40,7 @@ from tests.hil.crawler_rig import CAMERA, CENTRE, COUNTS_PER_METRE, SIGHT_M, TIM
 Kind = Literal["pipe", "manhole", "dark"]
 FPS = 5.0
 ASKED_EACH_S = 0.5
+KEEP_FREE_MB, STOP_FREE_MB = 70, 60
 STILL_S = 20.0
 """After so long a halt is a standstill; on a real crawler it takes longer (``device.autonomy.Rules``)."""
 
@@ -281,7 +282,12 @@ def box(folder: Path, tour: Tour, moment: TourTime) -> Device:
         return Crawler(grabber, tether, None, lambda: TourDetector(tour), optics, CAMERA.radius)
 
     settings = Settings.model_validate(
-        {"data_dir": folder, "pin": "123456", "autonomy": {"enabled": True, "rules": {"still_s": STILL_S}}}
+        {
+            "data_dir": folder,
+            "pin": "123456",
+            "autonomy": {"enabled": True, "rules": {"still_s": STILL_S}},
+            "recording": {"keep_free_mb": KEEP_FREE_MB, "stop_free_mb": STOP_FREE_MB, "part_mb": 2},
+        }
     )
     device = Device(settings, feeds=[], pool=WorkerPool(0), clock=TourClock(folder, moment), crawler=crawler)
     pacer.device = device
