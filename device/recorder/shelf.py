@@ -143,7 +143,7 @@ class Shelf:
         return found[-1].status() if found else None
 
     def remove(self, survey: int) -> None:
-        """The survey is gone for good, and so are its recordings. What cannot be removed stays until there is need of its room."""
+        """The survey is gone for good, and so are its recordings. What cannot be removed stays until its room is needed."""
         for path in self.files(survey):
             try:
                 path.unlink(missing_ok=True)
