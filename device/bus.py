@@ -16,6 +16,8 @@ class Event:
 
     name: str
     data: dict[str, Any]
+    moment_ns: int = field(default_factory=time.monotonic_ns)
+    """When it was told of."""
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
     _text: list[str] = field(default_factory=list, repr=False, compare=False)
 

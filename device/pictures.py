@@ -16,6 +16,7 @@ from drivers.depth.base import DepthFrame
 PICTURE_KINDS = ("depth", "color")
 
 _WIDTH = 640
+_FRESH_NS = 100_000_000
 _QUALITY = 80
 _NEAR_M, _FAR_M = 0.12, 2.5
 
@@ -28,11 +29,14 @@ class PictureCache:
         self._views: dict[Hashable, _View] = {}
 
     def shared(self, view: Hashable, moment: int, make: Callable[[], bytes | None]) -> bytes | None:
-        """The JPEG of ``view`` at ``moment`` (the frame's time), by ``make()`` where it is the first to ask."""
+        """The JPEG of ``view`` at ``moment`` (the frame's time, ns), by ``make()`` where it is the first to ask.
+
+        One that is hardly older serves as well: phones that ask at different times do not make the box encode every frame.
+        """
         with self._lock:
             kept = self._views.setdefault(view, _View())
         with kept.lock:  # held while encoding: the second viewer of a frame waits for the first one's picture
-            if kept.moment != moment:
+            if kept.moment is None or not 0 <= moment - kept.moment < _FRESH_NS:
                 kept.data = make()
                 kept.moment = moment
             return kept.data

@@ -43,6 +43,21 @@ def pair(port: int, host: str = "127.0.0.1", pin: str = PIN, name: str = "", sou
         connection.close()
 
 
+def ask(
+    port: int, paired: Pass | None, method: str, path: str, body: Any = None, *, patience_s: float = 30.0
+) -> tuple[int, Any]:
+    """Status and answer (parsed where it is JSON, else bytes) of one request on a connection of its own."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=patience_s)
+    try:
+        headers = {"Content-Type": "application/json", **({} if paired is None else paired.headers)}
+        connection.request(method, path, None if body is None else json.dumps(body), headers)
+        answer = connection.getresponse()
+        data = answer.read()
+        return answer.status, json.loads(data) if "json" in answer.getheader("Content-Type", "") else data
+    finally:
+        connection.close()
+
+
 def paired_client(app: Flask, name: str = "") -> FlaskClient:
     """A test client of ``app`` that is paired. It sends its cookie under any host name, as a browser would not."""
     answer = app.test_client().post("/api/v1/session", json={"pin": PIN, "name": name})

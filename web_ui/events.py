@@ -93,7 +93,7 @@ class Stream:
         while not (self._stopped.is_set() or subscription.closed or self._gone()):
             event = subscription.get(_WAIT_S)
             if event is not None:
-                yield wire(event.name, event.json())
+                yield b"id: %d\n" % event.moment_ns + wire(event.name, event.json())  # how old it is when it arrives
             elif time.monotonic() - spoke < HEARTBEAT_S:
                 continue
             else:

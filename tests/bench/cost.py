@@ -36,7 +36,7 @@ from estimators.pinhole import Intrinsics
 from tests.bench.daemon import running
 from tests.bench.real_data import RealFrame, data_folder, fail, real_frames
 from tests.bench.table import print_table
-from tests.pairing import Pass, pair
+from tests.pairing import Pass, ask, pair
 
 FRAMES = 50
 WORKERS = 2
@@ -231,17 +231,10 @@ def _pass(port: int) -> Pass:
 
 
 def _request(port: int, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
-    try:
-        headers = {"Content-Type": "application/json", **_pass(port).headers}
-        connection.request(method, path, json.dumps(body) if body is not None else None, headers)
-        answer = connection.getresponse()
-        text = answer.read()
-        if answer.status >= 400:
-            fail(f"{method} {path} answered {answer.status}: {text.decode()[:200]}")
-        return json.loads(text)
-    finally:
-        connection.close()
+    status, answer = ask(port, _pass(port), method, path, body)
+    if status >= 400:
+        fail(f"{method} {path} answered {status}: {str(answer)[:200]}")
+    return answer
 
 
 class _Events:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
-import json
 import socket
 import time
 from collections.abc import Iterator
@@ -12,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests import pairing
 from tests.browser.serving import served
 from tests.hil.rig import Bench, PipeCamera
 from tests.hostile import ATTACKS, under_attack
@@ -44,16 +43,8 @@ def paired(port: int) -> Pass:
 
 
 def ask(port: int, paired: Pass | None, method: str, path: str, body: Any = None) -> tuple[int, Any]:
-    """The answer on a connection of its own."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
-    try:
-        headers = {"Content-Type": "application/json", **({} if paired is None else paired.headers)}
-        connection.request(method, path, None if body is None else json.dumps(body), headers)
-        answer = connection.getresponse()
-        text = answer.read()
-        return answer.status, json.loads(text) if text.startswith((b"{", b"[")) else None
-    finally:
-        connection.close()
+    """The answer, which must come soon."""
+    return pairing.ask(port, paired, method, path, body, patience_s=PATIENCE_S)
 
 
 TOGETHER = (
