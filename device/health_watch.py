@@ -15,11 +15,14 @@ from device.clock import Clock
 from device.feed import Feed
 from device.health import Health, HotspotState, SensorHealth, concerns
 from device.health_machine import MachineReader
+from device.memory import give_back
 from device.prompts import PROMPTS
 
 log = logging.getLogger(__name__)
 
 PERIOD_S = 5.0
+GIVE_BACK_S = 30.0
+"""How often memory that lies free is given back."""
 HOTSPOT_PACE_S = (10.0, 60.0, 300.0)
 """How long the hotspot has to be silent before it is started anew, and again each time that did not help."""
 
@@ -111,7 +114,11 @@ class HealthWatch:
         return {**self.now().to_json(), "prompts": self.prompts()}
 
     def _run(self) -> None:
+        give_back_due = time.monotonic() + GIVE_BACK_S
         while True:
+            if time.monotonic() >= give_back_due:
+                give_back_due = time.monotonic() + GIVE_BACK_S
+                give_back()
             try:
                 self.look()
             except Exception:  # the box measures on, whatever a reading did
