@@ -40,6 +40,7 @@ class LazyCommands(click.Group):
         "recordings": ("device.recordings_command:recordings", "List, check, recover, prune, export raw data of surveys."),
         "replay": ("device.replay_command:replay_recording", "Compute a recorded survey again and compare."),
         "serve": ("device.serve_command:serve", "Run the box: read the cameras, serve the page."),
+        "structure": ("device.structure_command:structure", "Map a pipe structure from scans and navigation."),
         "virtual-campaign": ("device.campaign:virtual_campaign", "Measure many virtual pipes and count the errors."),
     }
     """Name: (module:command, what ``--help`` says of it)."""

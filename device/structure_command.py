@@ -1,0 +1,133 @@
+"""``borescout structure``: the map of a pipe structure in a chamber, from a virtual one or from recorded scans and
+navigation."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from device.errors import Invalid
+from device.json_text import dumps
+from device.map_command import progress
+
+PAPER = "paper"
+
+
+@click.command("structure")
+@click.option(
+    "--virtual",
+    is_flag=False,
+    flag_value=PAPER,
+    help="A virtual chamber: a structure file, or the paper's structure if none is named.",
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="With --virtual: noise and sway of the run.")
+@click.option("--scans", type=click.Path(path_type=Path), help="A folder of PLY or PCD files named by their time (s).")
+@click.option("--navigation", type=click.Path(path_type=Path), help="With --scans: the log of DVL, pressure and AHRS (CSV).")
+@click.option("--first", type=click.IntRange(1), help="Only the first so many scans.")
+@click.option("--upright", is_flag=True, help="Pipes are horizontal or vertical: what is neither is left out.")
+@click.option("--export", "exported", type=click.Path(path_type=Path), multiple=True, help="Save the map (.json, .ply, .glb).")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object instead of tables.")
+def structure(
+    virtual: str | None,
+    seed: int,
+    scans: Path | None,
+    navigation: Path | None,
+    first: int | None,
+    upright: bool,
+    exported: tuple[Path, ...],
+    as_json: bool,
+) -> int:
+    """Map a pipe structure: pipes, valves and fittings, and how they are connected."""
+    if (virtual is None) == (scans is None):
+        raise Invalid("Say what to map: --virtual [FILE], or --scans DIR with --navigation LOG.")
+    if scans is not None and navigation is None:
+        raise Invalid("The option --scans needs --navigation: the log of DVL, pressure and AHRS.")
+    if navigation is not None and scans is None:
+        raise Invalid("The option --navigation goes with --scans.")
+    from device.structure_export import check_export, export_map  # what --help does without
+
+    for path in exported:
+        check_export(path)
+    begun = time.monotonic()
+    if virtual is not None:
+        told, found = _virtual(None if virtual == PAPER else Path(virtual), seed, first, upright)
+    else:
+        assert scans is not None
+        assert navigation is not None
+        told, found = _recorded(scans, navigation, first, upright)
+    told["seconds"] = round(time.monotonic() - begun, 3)
+    for path in exported:
+        export_map(found, path)
+    if as_json:
+        click.echo(dumps(told))
+    else:
+        from device.structure_output import print_structure
+
+        print_structure(told)
+    return 0
+
+
+def _virtual(file: Path | None, seed: int, first: int | None, upright: bool) -> tuple[dict[str, Any], Any]:
+    from device.structure_database import shipped_knowledge
+    from device.structure_json import map_json, truth_json
+    from device.structure_run import VirtualChamber, run_events
+    from device.structure_scores import scores
+    from drivers.virtual.chamber.structure import load_structure
+
+    chamber = VirtualChamber(load_structure(file), seed)
+    mapper = chamber.mapper(shipped_knowledge(), _settings(upright))
+    total = len(chamber.scanner.times()[:first])
+    with progress("Mapping", total) as bar:
+        run = run_events(mapper, chamber.events(first), lambda _: bar.update(1))
+    if not run.results:
+        raise Invalid("The path of the structure file is too short for a single scan.")
+    found = mapper.result()
+    return {
+        **map_json(found),
+        **_of_run(run),
+        "truth": truth_json(chamber.structure),
+        "scores": scores(run, found, chamber),
+    }, found
+
+
+def _recorded(folder: Path, log: Path, first: int | None, upright: bool) -> tuple[dict[str, Any], Any]:
+    from device.structure_database import shipped_knowledge
+    from device.structure_json import map_json
+    from device.structure_run import recorded_mapper, run_events
+    from drivers.navigation.recorded import merged_events, read_log, scan_files
+
+    header, readings = read_log(log)
+    files = scan_files(folder)[:first]
+    mapper = recorded_mapper(header, readings, shipped_knowledge(), _settings(upright))
+    with progress("Mapping", len(files)) as bar:
+        run = run_events(mapper, merged_events(readings, files), lambda _: bar.update(1))
+    if not run.results:
+        raise Invalid(f"No scan in {folder} lies within the time of {log}.")
+    found = mapper.result()
+    return {**map_json(found), **_of_run(run)}, found
+
+
+def _settings(upright: bool) -> Any:
+    from estimators.structure.mapper import MapperSettings
+    from estimators.structure.slam import SlamSettings
+
+    return MapperSettings(slam=SlamSettings(upright=upright))
+
+
+def _of_run(run: Any) -> dict[str, Any]:
+    mapper = run.mapper
+    return {
+        "scans": mapper.scans,
+        "seconds_per_scan": round(float(np.mean(run.seconds)), 4),
+        "consistent": not mapper.lost and mapper.inconsistent < 0.2 * max(mapper.scans, 1),
+        "inconsistent_scans": mapper.inconsistent,
+        "refused_readings": mapper.refused,
+        "track": [
+            {"time_s": round(t, 3), "position": [round(float(x), 4) for x in state[:3]]}
+            for t, state in zip(run.track.times, run.track.states, strict=True)
+        ],
+    }

@@ -1,0 +1,39 @@
+"""What the navigation sensors say, each reading with its time and its own noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """A DVL: velocity over ground (m/s) along the vehicle's axes forward, right, down; ``sigma`` of each."""
+
+    time_s: float
+    velocity: Triple
+    sigma: float
+    valid: bool = True
+
+
+@dataclass(frozen=True)
+class Depth:
+    """A pressure sensor: metres below the surface."""
+
+    time_s: float
+    depth: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """An AHRS: roll, pitch and yaw (rad) and, where it tells them, their rates (rad/s); ``sigma`` of each angle."""
+
+    time_s: float
+    angles: Triple
+    rates: Triple | None
+    sigma: float
+
+
+NavReading = Velocity | Depth | Attitude

@@ -1,0 +1,208 @@
+"""From navigation and scans to the semantic map (paper, Fig. 1): one call for each reading and one for each scan, in order
+of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimators.structure.apart import ApartSettings, take_apart, undistorted
+from estimators.structure.coverage import Coverage
+from estimators.structure.fusion import fused
+from estimators.structure.graph import StructureMap, final_map, leaving
+from estimators.structure.objects_map import ObjectRecord, View, belief
+from estimators.structure.recognition import DescriptorSettings, Views, configuration, describe, nearest_class
+from estimators.structure.slam import Matches, SlamSettings, StructureFilter
+from estimators.structure.types import Array, Parts, Sighting
+from estimators.structure.vehicle import SensorMount, body_rates
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of the objects beforehand: the data base of views, and P(recognised | actual) (6, 6) of a single scan's
+    descriptor and of several scans' fused one."""
+
+    views: Views
+    confusion: Array
+    fused_confusion: Array
+
+
+@dataclass(frozen=True)
+class MapperSettings:
+    """``fuse``: how many scans are fused before the descriptor; ``same_view`` (rad): from directions no further apart than
+    this; ``new_view``: what is no further from an earlier direction is hardly new."""
+
+    apart: ApartSettings = field(default_factory=ApartSettings)
+    slam: SlamSettings = field(default_factory=SlamSettings)
+    descriptor: DescriptorSettings = field(default_factory=DescriptorSettings)
+    fuse: int = 6
+    same_view: float = 0.45
+    new_view: float = 0.15
+    step_s: float = 0.2
+    lost_after: int = 5
+
+
+@dataclass(frozen=True)
+class Recognised:
+    """One sighting of object ``number``: class by the descriptor alone, with Bayes, with semantics, and from fused scans."""
+
+    number: int
+    descriptor: int
+    bayes: int
+    semantic: int
+    fused: int
+    fused_descriptor: int
+
+
+@dataclass(frozen=True)
+class ScanResult:
+    """What one scan came to."""
+
+    parts: Parts
+    matches: Matches
+    recognised: tuple[Recognised, ...]
+    consistent: bool
+
+
+class StructureMapper:
+    """Builds the map. ``position`` (3,) and ``angles`` (3,) are where the vehicle begins, at ``time_s``."""
+
+    def __init__(
+        self,
+        time_s: float,
+        position: Array,
+        angles: Array,
+        mount: SensorMount,
+        knowledge: Knowledge,
+        rng: np.random.Generator,
+        settings: MapperSettings | None = None,
+    ) -> None:
+        self.settings = settings or MapperSettings()
+        self.slam = StructureFilter(position, angles, mount, self.settings.slam)
+        self.knowledge = knowledge
+        self.coverage: dict[int, Coverage] = {}
+        self.objects: dict[int, ObjectRecord] = {}
+        self.scans = 0
+        self.refused = 0
+        self.inconsistent = 0
+        self._rng = rng
+        self._time_s = time_s
+        self._rates = np.zeros(3)
+        self._strange = 0
+
+    @property
+    def lost(self) -> bool:
+        """Whether the last scans fit the map so badly that position and map can no longer be trusted."""
+        return self._strange >= self.settings.lost_after
+
+    # ---- navigation; a reading from before the filter's time counts as of now
+
+    def advance(self, time_s: float) -> None:
+        """On to ``time_s``, in steps."""
+        while (left := time_s - self._time_s) > 0:
+            dt = min(self.settings.step_s, left)
+            self.slam.predict(dt, self._rates)
+            self._time_s = time_s if dt == left else self._time_s + dt
+
+    def depth(self, time_s: float, depth: float, sigma: float) -> None:
+        """A pressure sensor's depth (m)."""
+        self.advance(time_s)
+        self.refused += not self.slam.depth(depth, sigma)
+
+    def velocity(self, time_s: float, velocity: Array, sigma: float) -> None:
+        """A DVL's velocity (3,) along the body's axes."""
+        self.advance(time_s)
+        self.refused += not self.slam.velocity(velocity, sigma)
+
+    def attitude(self, time_s: float, angles: Array, rates: Array | None, sigma: float) -> None:
+        """An AHRS's roll, pitch, yaw (3,) and, where it tells them, their rates (3,)."""
+        self.advance(time_s)
+        self.refused += not self.slam.attitude(angles, sigma)
+        self._rates = np.zeros(3) if rates is None else rates
+
+    # ---- scans
+
+    def scan(self, time_s: float, points: Array, late: Array | None = None) -> ScanResult:
+        """One scan (N, 3) in the sensor's frame, its points seen ``late`` (N,) seconds after ``time_s``."""
+        self.advance(time_s)
+        parts = take_apart(self._still(points, late), self._rng, self.settings.apart)
+        return self.add_parts(parts)
+
+    def add_parts(self, parts: Parts) -> ScanResult:
+        """A scan that has been taken apart already, as of now."""
+        self.scans += 1
+        matches = self.slam.scan(parts.segments, parts.sightings)
+        consistent = matches.fitting < 3 or matches.matched >= 0.5 * matches.fitting
+        self._strange = 0 if consistent else self._strange + 1
+        self.inconsistent += not consistent
+        self._cover(parts, matches)
+        recognised = []
+        for sighting, number in zip(parts.sightings, matches.sightings, strict=True):
+            if number >= 0:
+                one = self._recognise(sighting, number)
+                if one is not None:
+                    recognised.append(one)
+        return ScanResult(parts, matches, tuple(recognised), consistent)
+
+    def result(self) -> StructureMap:
+        """The map as it stands."""
+        return final_map(self.slam, self.coverage, self.objects, self.scans)
+
+    def _still(self, points: Array, late: Array | None) -> Array:
+        mount, vehicle = self.slam.mount, self.slam.vehicle
+        turning = body_rates(vehicle[3:6], self._rates)
+        velocity = vehicle[6:9] + np.cross(turning, mount.offset)
+        return undistorted(points, late, mount.rotation.T @ velocity, mount.rotation.T @ turning)
+
+    def _cover(self, parts: Parts, matches: Matches) -> None:
+        pose = self.slam.pose()
+        for segment, number in zip(parts.segments, matches.segments, strict=True):
+            feature = self.slam.features.get(number)
+            if feature is None or feature.line is None:
+                continue
+            places = segment.start + segment.bins[:, None] * segment.direction
+            along = feature.line.along(pose.position + places @ pose.rotation.T)
+            self.coverage.setdefault(number, Coverage()).add(along)
+
+    def _recognise(self, sighting: Sighting, number: int) -> Recognised | None:
+        record = self.objects.setdefault(number, ObjectRecord())
+        pose = self.slam.pose()
+        point = self.slam.features[number].point
+        assert point is not None
+        record.configurations.add(configuration(leaving(self.slam, self.coverage, point)))
+        histograms = describe(sighting.cloud, self.settings.descriptor)
+        if histograms is None:
+            return None
+        k = self.knowledge
+        seen, _ = nearest_class(histograms, k.views)
+        record.evidence += np.log(k.confusion[:, seen])
+        view = View(pose.position.copy(), pose.position + sighting.cloud @ pose.rotation.T)
+        together = fused([(cloud - pose.position) @ pose.rotation for cloud in self._same_view(record, view, point)])
+        described = describe(together, self.settings.descriptor)
+        fused_seen = seen if described is None else nearest_class(described, k.views)[0]
+        # the same scans from the same place say little that is new
+        direction = (pose.position - point) / np.linalg.norm(pose.position - point)
+        again = sum(bool(direction @ before > np.cos(self.settings.new_view)) for before in record.seen_from)
+        record.fused += np.log(k.fused_confusion[:, fused_seen]) / (1 + 0.5 * again)
+        record.views = [*record.views, view][-self.settings.fuse :]
+        record.seen_from.append(direction)
+        allowed = record.allowed()
+        return Recognised(
+            number,
+            seen,
+            int(np.argmax(belief(record.evidence))),
+            int(np.argmax(belief(record.evidence, allowed))),
+            int(np.argmax(belief(record.fused, allowed))),
+            fused_seen,
+        )
+
+    def _same_view(self, record: ObjectRecord, view: View, point: Array) -> list[Array]:
+        """The clouds of the latest scans from about the same direction, in the world."""
+        now = (view.eye - point) / np.linalg.norm(view.eye - point)
+        clouds = [view.cloud]
+        for other in record.views[-self.settings.fuse + 1 :]:
+            before = (other.eye - point) / np.linalg.norm(other.eye - point)
+            if before @ now > np.cos(self.settings.same_view):
+                clouds.append(other.cloud)
+        return clouds
