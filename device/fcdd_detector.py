@@ -33,11 +33,12 @@ class FcddDetector:
 
 
 def same_detector(sha256: str, model: Path | None = None, threads: int = 1) -> FcddDetector:
-    """The detector whose model has this checksum: a shipped one, or ``model``. Raises Invalid with one sentence."""
+    """The detector whose model has this checksum, a shipped one or ``model``, looking at every picture that it is shown. Raises
+    Invalid with one sentence."""
     for path in (SHIPPED, SHIPPED_INT8) if model is None else (model,):
         found = load_model(path, threads)
         if found.sha256 == sha256:
-            return FcddDetector(found)
+            return FcddDetector(found, every=1)
     where = "This program does not ship the model" if model is None else f"The file {model} is not the model"
     raise Invalid(f"{where} that this was recorded with ({sha256[:12]}): name it with --model, or use --recorded-detections.")
 

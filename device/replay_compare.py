@@ -40,11 +40,15 @@ def differences(logged: Any, replayed: Any) -> list[Difference]:
 def _walk(where: str, name: str, then: Any, now: Any) -> Iterator[Difference]:
     if isinstance(then, dict) and isinstance(now, dict):
         for key in [*then, *(key for key in now if key not in then)]:
-            yield from _walk(f"{where}.{key}" if where else key, key, then.get(key), now.get(key))
+            place = f"{where}.{key}" if where else key
+            if key in then and key in now:
+                yield from _walk(place, key, then[key], now[key])
+            else:
+                yield Difference(place, then.get(key), now.get(key), False)
     elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
         for number, pair in enumerate(zip(then, now, strict=True)):
             yield from _walk(f"{where}[{number}]", name, *pair)
-    elif then != now or type(then) is not type(now):
+    elif repr(then) != repr(now):  # the shortest text that means this very number: -0.0 is not 0.0, and 1 is not 1.0
         yield Difference(where, then, now, _tolerable(name, then, now))
 
 

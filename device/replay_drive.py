@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from device.detectors import Detector, NoDetector
+from device.errors import Invalid
 from device.recorder.reader import Entry
 from device.recorder.samples import Picture
 from device.surveys.drive_findings import Marks, filtered_rows, findings
@@ -34,14 +35,24 @@ class SaidThen:
         return self.said
 
 
+class Again:
+    """The detector asked again, about the pictures that it looked at then."""
+
+    def __init__(self, detector: Detector, then: SaidThen) -> None:
+        self.name = detector.name
+        self._detector, self._then = detector, then
+
+    def detect(self, frame: VideoFrame) -> Seen:
+        """What it says of this picture, if it said anything then."""
+        return None if self._then.said is None else self._detector.detect(frame)
+
+
 class DriveReplay:
     """``head`` as ``surveys.drive_log`` writes it. Raises Invalid where its detector is not to be had."""
 
     def __init__(self, head: dict[str, Any], model: Path | None, recorded_detections: bool) -> None:
         self.missing = self.frames = 0
-        told: dict[str, Any] = head["setup"]
-        pairs = {key: None if told[key] is None else tuple(told[key]) for key in ("focal", "centre")}
-        setup = PipelineSetup(**{**told, **pairs})
+        setup = _setup(head["setup"])
         calibration = head["calibration"]
         self._placing = Placing(None if calibration is None else Calibration(**calibration))
         self._then = SaidThen(head["detector"]["name"])
@@ -89,7 +100,7 @@ class DriveReplay:
             return NoDetector() if head["detector"]["name"] == NoDetector.name else self._then
         from device.fcdd_detector import same_detector
 
-        return same_detector(sha256, model)
+        return Again(same_detector(sha256, model), self._then)
 
     def _findings(self, state: str, smooth: bool) -> dict[str, Any]:
         pipeline, numbers, marks = self._pipeline, self._numbers, self._marks
@@ -129,6 +140,15 @@ class DriveReplay:
             self._placing.add(reading)
         self.missing += max(0, count - self._placed)
         self._placed = max(self._placed, count)
+
+
+def _setup(told: dict[str, Any]) -> PipelineSetup:
+    """JSON knows no tuples. Raises Invalid where this program does not know all of it."""
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in told.items()}
+    try:
+        return PipelineSetup(**values)
+    except TypeError:
+        raise Invalid("This recording was made by a newer borescout: update the program to replay it.") from None
 
 
 def _detection(told: list[Any]) -> Detection:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import partial
 from typing import Any
 
@@ -31,7 +31,7 @@ def head(
     return {
         "kind": "landmarks",
         "versions": versions(),
-        "setup": {key: getattr(setup, key) for key in ("focal", "centre", "radius", "focal_radius", "sparse")},
+        "setup": {field.name: getattr(setup, field.name) for field in fields(setup) if field.name != "mapper"},
         "calibration": None if calibration is None else asdict(calibration),
         "detector": {"name": detector.name, "model": getattr(detector, "model", None)},
         "seed": seed,
