@@ -46,11 +46,6 @@ byId("leave").addEventListener("click", () =>
     location.assign("/pair");
   }),
 );
-let controller = null;
-feed.on("control", (state) => {
-  if (state.controller?.id === controller) return;
-  controller = state.controller?.id;
-  attempt(show);
-});
+feed.on("control", () => show().catch(() => {})); // with every poll; a lost link is told by its banner
 wake();
 attempt(show);
