@@ -48,6 +48,7 @@ def blueprint(device: "Device") -> Blueprint:
         return render_template(
             "drive.html",
             drive=device.drive(),
+            lamp=device.status()["lamp"],
             pipes=device.pipes(),
             nodes=device.nodes(),
             chosen=bodies.read_query(bodies.MeasureQuery).pipe,

@@ -28,6 +28,7 @@ STATES = [
     "/surveys/map landmark",
     "/surveys/map 3d",
     "/alone",
+    "/health",
     "/nothing",
 ]
 CONTRAST_OF = """() => {

@@ -7,6 +7,7 @@ import { HALF_HOURS, clockText, metresText, readNumber } from "./drive_words.js"
 import { LandmarkViews } from "./landmark_views.js";
 import { PicturePoller, viewState } from "./picture.js";
 import { PipeChooser } from "./pipes.js";
+import { showLamp, startLamp } from "./lamp.js";
 import { startShell } from "./shell.js";
 import { CAMERAS, age } from "./words.js";
 
@@ -328,6 +329,8 @@ if (first.grabber)
 setInterval(show, 250);
 setInterval(askIfSilent, 500);
 setInterval(refreshMap, MAP_EVERY_MS);
+startLamp();
+feed.on("status", (status) => showLamp(status.lamp));
 wake();
 show();
 refreshMap();
