@@ -453,6 +453,7 @@ class Device:
         Raises Busy, NotFound, Invalid, StorageFull.
         """
         self._refuse_without_room()
+        self._let_there_be_light()
         pipe = None if pipe_id is None else self._store.places.pipe(pipe_id)
         return {"survey_id": self._drive.start(pipe, direction, radius_m, start_chainage_m)}
 
@@ -479,8 +480,7 @@ class Device:
     def drive_picture(self, overlay: bool = False, heatmap: str | None = None) -> bytes | None:
         """JPEG of the newest CCTV picture, or None; ``heatmap`` is a class of the network. Whoever looks wants to see: a
         resting lamp is lit. Raises Invalid."""
-        if self._lamp is not None:
-            self._lamp.look()
+        self._let_there_be_light()
         return self._drive.picture(overlay, heatmap)
 
     def set_encoder(self, change: dict[str, Any]) -> dict[str, Any]:
@@ -515,6 +515,10 @@ class Device:
         if self._lamp is None:
             raise NotFound("This box has no lamp that can be dimmed.")
         return self._lamp
+
+    def _let_there_be_light(self) -> None:
+        if self._lamp is not None:
+            self._lamp.look()
 
     def _make_lamp(self, lamp: Lamp) -> LampKeeper:
         crawler = self._crawler

@@ -37,6 +37,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
         ("--rounds", "1"),
         ("--rounds", "1", "--samples", "50", "--kills", "20", "--points", "10", "--flips", "20", "--daemon-kills", "0"),
     ),
+    ("start", (), ("--runs", "2")),
     ("sensor_faults", (), ("--faults", "12")),
     ("deliverables", (), ()),
     ("batch", (), ("--recordings", "10", "--scaling", "4")),
