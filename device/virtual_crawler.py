@@ -26,7 +26,7 @@ from drivers.virtual.detections import SeenLandmark, corrupted
 from drivers.virtual.drive import Drive, demo_drive
 from drivers.virtual.encoder import VirtualCount, VirtualEncoder
 from drivers.virtual.faults import FaultScript
-from drivers.virtual.grabber import Footage, VirtualGrabber, VirtualVideo
+from drivers.virtual.grabber import FPS, Footage, VirtualGrabber, VirtualVideo
 from estimators.detections import Detection
 
 FRESH_S = 1.0
@@ -104,12 +104,16 @@ def _readings(drive: Drive) -> Iterator[Reading]:
 
 
 def virtual_crawler(
-    seed: int, store: Store, on_change: Callable[[], None], faults: tuple[FaultScript, FaultScript] | None = None
+    seed: int,
+    store: Store,
+    on_change: Callable[[], None],
+    faults: tuple[FaultScript, FaultScript] | None = None,
+    fps: float = FPS,
 ) -> Crawler:
     """The live virtual crawler. ``faults`` are those of its grabber and of its encoder, for who wants to trigger some."""
     of_grabber, of_encoder = faults or (FaultScript(), FaultScript())
     drive = demo_drive(seed)
-    footage, clock, lamp = Footage(drive), DriveClock(drive.length_s), VirtualLamp()
+    footage, clock, lamp = Footage(drive, fps), DriveClock(drive.length_s), VirtualLamp()
     lamp.set(NOMINAL)  # until the box takes hold of it
     grabber = GrabberFeed(
         "virtual CCTV", "virtual", lambda: VirtualGrabber(footage, clock, of_grabber, lamp), on_demand=True, on_change=on_change
