@@ -37,7 +37,7 @@ class _Share:
     at: float
 
     def take(self, now: float, count: int) -> None:
-        self.left = min(BURST, self.left + (now - self.at) * REQUESTS_S) - count
+        self.left = max(-BURST, min(BURST, self.left + (now - self.at) * REQUESTS_S) - count)  # nobody waits longer than 2 s
         self.at = now
 
     def spent(self, now: float) -> bool:
