@@ -162,7 +162,7 @@ class Autonomy:
 
     def refused(self) -> None:
         """The drive that was to begin could not: it is tried again."""
-        self._drive.state = "waiting"
+        self._drive.refused()
 
     def switch_off(self, time_s: float) -> list[Action]:
         """Nobody wants it any more."""
@@ -200,7 +200,7 @@ class _Driving:
         self._way = _Way()
         self._views = _Views()
         self._still = Standstill()
-        self._resumes = resumes
+        self._resumes, self._resumed = resumes, False
         self._pipe_since: float | None = None
         self._lost_view_s: float | None = None
         """Since when there is light but no pipe, and what the counter said then."""
@@ -268,6 +268,10 @@ class _Driving:
             return self._begin(now, "moved", seen)
         return []
 
+    def refused(self) -> None:
+        self.state, self._resumes = "waiting", self._resumed
+        self._pipe_since = None
+
     def _view_is_gone(self, now: float, seen: Crawling) -> bool:
         """Whether the crawler has left whatever it was in."""
         if self._dark_since is not None and now - self._dark_since >= self._rules.dark_s:
@@ -285,7 +289,8 @@ class _Driving:
         return abs(seen.way_m - self._lost_view_m) >= metres
 
     def _begin(self, now: float, reason: str, seen: Crawling) -> list[Action]:
-        self.state, self._resumes, self._begun_s = "surveying", False, now
+        self.state, self._begun_s = "surveying", now
+        self._resumed, self._resumes = self._resumes, False
         self._saw_pipe = bool(seen.pipe)
         self._still.forget()  # the counter may be set anew as a drive begins
         self._furthest_m = self._reached = None

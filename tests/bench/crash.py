@@ -51,7 +51,7 @@ def cuts(library: Path, scratch: Path, rounds: int, samples: int) -> None:
 
             total += replay(list(shim.read_log(log)), check, seed, samples, ignored=module.IGNORED)
             shutil.rmtree(root)
-        raw = f"{total.raw_lost_s:.2f}" if part == "recorder" else "-"
+        raw = f"{total.raw_lost_s:.2f} ({total.stood_s:.2f})" if part == "recorder" else "-"
         kinds = [total.states[kind] for kind in ("prefix", "subset", "torn", "sample")]
         rows.append((part, total.operations, total.promises, sum(kinds), *kinds, total.lost, total.unreadable, raw))
         for sentence in total.wrong[:5]:
@@ -67,7 +67,7 @@ def cuts(library: Path, scratch: Path, rounds: int, samples: int) -> None:
         "samples",
         "lost",
         "unreadable",
-        "raw lost s",
+        "raw lost s (machine stood)",
     )
     print_table("Power cuts: states reopened", head, rows)
 
@@ -81,10 +81,16 @@ def kills(library: Path, scratch: Path, count: int) -> None:
         number = round(share * count)
         arguments = ["tests.crash.kills", part, str(folder), "--kills", str(number)]
         told = json.loads(shim.run(library, folder, None, arguments))
-        rows.append((part, told["kills"], told["promises"], len(told["wrong"]), f"{told['raw_lost_s']:.2f}"))
+        rows.append(
+            (part, told["kills"], told["promises"], len(told["wrong"]), f"{told['raw_lost_s']:.2f} ({told['stood_s']:.2f})")
+        )
         for sentence in told["wrong"][:5]:
             print(f"  {part}: {sentence}", file=sys.stderr)
-    print_table("kill -9 at random moments", ("workload", "kills", "shown saved", "lost or unreadable", "raw lost s"), rows)
+    print_table(
+        "kill -9 at random moments",
+        ("workload", "kills", "shown saved", "lost or unreadable", "raw lost s (machine stood)"),
+        rows,
+    )
 
 
 def daemon_kills(scratch: Path, count: int) -> None:

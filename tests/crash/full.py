@@ -41,14 +41,13 @@ def main() -> None:
 
 def every_nth_write(folder: Path, points: int) -> dict[str, Any]:
     """The n-th write finds the disk full, for ``points`` values of n over a day of the store's work."""
-    shim, log = loaded(), folder / "log"
-    _day(folder / "whole", log, 0)
-    whole = int(shim.crash_writes())
+    log = folder / "log"
+    _, whole = _day(folder / "whole", log, 0)
     wrong, refused, promised = list[str](), 0, 0
     for point in range(points):
         data = folder / f"full-{point}"
         number = 1 + point * whole // points
-        refused += _day(data, log, number, half=bool(point % 2))
+        refused += _day(data, log, number, half=bool(point % 2))[0]
         promises = Promises()
         promises.take(read_log(log))
         promised += len(promises.shown)
@@ -57,8 +56,8 @@ def every_nth_write(folder: Path, points: int) -> dict[str, Any]:
     return {"points": points, "writes": whole, "refused": refused, "promises": promised, "wrong": wrong}
 
 
-def _day(data: Path, log: Path, full_at: int, half: bool = False) -> int:
-    """A day of the store's work; how many of its steps were refused for want of room."""
+def _day(data: Path, log: Path, full_at: int, half: bool = False) -> tuple[int, int]:
+    """A day of the store's work; how many of its steps were refused for want of room, and how often it wrote."""
     shim = loaded()
     log.unlink(missing_ok=True)
     data.mkdir(parents=True)
@@ -75,9 +74,10 @@ def _day(data: Path, log: Path, full_at: int, half: bool = False) -> int:
     with contextlib.suppress(DeviceError):
         if work is not None:
             work.close()
+    writes = int(shim.crash_writes())
     shim.crash_fail(-1, 0, 0)
     shim.crash_watch(b"/nowhere", b"/dev/null")
-    return refused
+    return refused, writes
 
 
 def small_disk(folder: Path) -> dict[str, Any]:

@@ -30,6 +30,10 @@ class Promises:
     raw_lost_s: float = 0.0
     """Of all cuts so far, the longest time from the oldest raw sample that is gone to the cut."""
 
+    stood_s: float = 0.0
+    """The longest time between two raw samples, which come every 20 ms where the machine has time for it."""
+    _offered_ns: int = 0
+
     def take(self, log: Iterable[Operation]) -> None:
         """Go on, over the marks of a further piece of the log."""
         for operation in log:
@@ -40,7 +44,8 @@ class Promises:
             if mark["what"] == "begin":
                 self.begun.setdefault(key, []).append(content)
             elif mark["what"] == "offered":
-                self.offered[key] = operation.ns
+                self.stood_s = max(self.stood_s, (operation.ns - self._offered_ns) / 1e9 if self._offered_ns else 0.0)
+                self.offered[key] = self._offered_ns = operation.ns
             elif mark["what"] == "shown":
                 self.shown[key] = content
                 self.begun.pop(key, None)
@@ -54,6 +59,7 @@ class Promises:
 
     def settle(self) -> None:
         """What is gone is gone; what came through this cut has to come through the next one."""
+        self._offered_ns = 0
         self.offered = {key: ns for key, ns in self.offered.items() if key in self.present}
 
     def broken(self, key: str, found: Any) -> str:

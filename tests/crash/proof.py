@@ -30,6 +30,8 @@ class Verdict:
     wrong: list[str] = field(default_factory=list)
     raw_lost_s: float = 0.0
     """The most of any cut."""
+    stood_s: float = 0.0
+    """The longest time that the machine had none for the workload."""
 
     @property
     def unreadable(self) -> int:
@@ -45,6 +47,7 @@ class Verdict:
         self.promises += other.promises
         self.wrong += other.wrong
         self.raw_lost_s = max(self.raw_lost_s, other.raw_lost_s)
+        self.stood_s = max(self.stood_s, other.stood_s)
         return self
 
 
@@ -80,6 +83,7 @@ def replay(
     logging.disable(logging.NOTSET)
     verdict.raw_lost_s = promises.raw_lost_s
     promises.take(operations[taken:])
+    verdict.stood_s = promises.stood_s
     verdict.promises = len(promises.shown)
     return verdict
 

@@ -92,7 +92,9 @@ class StoreWork:
 
     def step(self) -> None:
         """Whatever comes next."""
-        self._rng.choice((self.measure, self.answer, self.set, self.set, self.drive, self.drive, self.drive, self.end_drive))()
+        self._rng.choice(
+            (self.measure, self.answer, self.set, self.set, self.drive, self.drive, self.drive, self.end_drive, self.note)
+        )()
 
     def measure(self) -> None:
         self._surveys.append(self._measuring.measure())
@@ -132,6 +134,13 @@ class StoreWork:
         self.store.drives.keep(self._drive, Kept(landmarks, log=log, summary={"landmarks": self._landmarks}))
         for number, row in rows.items():
             mark("shown", f"landmark {self._drive} {number}", row)
+
+    def note(self) -> None:
+        """A line of the journal."""
+        reason = f"reason {self._rng.randrange(10**9)}"
+        mark("begin", f"journal {reason}", True)
+        self.store.journal.add("held", None, reason)
+        mark("shown", f"journal {reason}", True)
 
     def end_drive(self) -> None:
         if self._drive is None:
@@ -178,6 +187,8 @@ def _found(store: Store, key: str) -> Any:
             drive, number = map(int, rest.split())
             row = next((row for row in store.drives.map(drive)["landmarks"] if row["id"] == number), None)
             return None if row is None else {name: row[name] for name in ("class", "chainage_m")}
+        if what == "journal":
+            return True if rest in [entry["reason"] for entry in store.journal.entries()] else None
         if what == "drive":
             state = store.drives.map(int(rest))["state"]
             return state if state == "saved" else None

@@ -18,6 +18,7 @@ from tests.crash.proof import Check, missed, replay
 from tests.crash.shim import Operation
 
 RAW_LOST_S = 1.0
+"""And what a machine that is busy with something else takes away from the recorder as from the workload."""
 
 if shim.missing():
     pytest.skip(shim.missing(), allow_module_level=True)
@@ -60,20 +61,21 @@ def test_a_recording_after_a_cut(library: Path, tmp_path: Path) -> None:
     log = watched(library, tmp_path, "recorder", 50, recorder_part.IGNORED)
     verdict = replay(log, within(recorder_part.check), seed=1, samples=20, limit=60, ignored=recorder_part.IGNORED)
     assert verdict.wrong == []
-    assert verdict.raw_lost_s <= RAW_LOST_S
+    assert verdict.raw_lost_s <= RAW_LOST_S + 2 * verdict.stood_s
 
 
 @pytest.mark.parametrize("part", ["store", "recorder"])
 def test_kill_9_at_random_moments(library: Path, tmp_path: Path, part: str) -> None:
     told = json.loads(shim.run(library, tmp_path, None, ["tests.crash.kills", part, str(tmp_path), "--kills", "4"]))
     assert told["wrong"] == []
-    assert told["raw_lost_s"] <= RAW_LOST_S
+    assert told["raw_lost_s"] <= RAW_LOST_S + 2 * told["stood_s"]
 
 
 def test_a_disk_that_fills(library: Path, tmp_path: Path) -> None:
     told = json.loads(shim.run(library, tmp_path, None, ["tests.crash.full", str(tmp_path), "--points", "8"]))
     assert told["wrong"] == []
     assert told["refused"] >= 3
+    assert told["writes"] > 50
     assert told["surveys_saved"] == told["surveys_measured"]
     assert 0 < told["recordings_kept"] < told["recordings_made"]
     assert told["newest_kept"]

@@ -163,6 +163,16 @@ def test_after_a_power_cut_it_goes_on_where_it_was() -> None:
     assert run([Phase(60.0)], Autonomy(wants=wants_after("standstill"))) == []
 
 
+def test_a_drive_that_could_not_begin_is_tried_again_and_still_goes_on_where_it_was() -> None:
+    machine, begun = Autonomy(resumes=True), list[tuple[float, str]]()
+    for k in range(40):
+        for action in machine.step(Seen(k * STEP_S, Crawling(True, True, 0.1 * k, busy=False))):
+            begun.append((action.at_s, action.reason))
+            machine.refused()
+    assert len(begun) >= 3
+    assert {reason for _, reason in begun} == {"power_back"}
+
+
 def test_measures_once_for_each_pipe_that_comes_into_view_and_a_few_times_where_refused() -> None:
     def measured(accepted: bool) -> list[float]:
         machine, found, busy_until, now = Autonomy(), [], 0.0, 0.0
