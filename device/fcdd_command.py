@@ -72,7 +72,6 @@ def evaluate(data: Path, model: Path | None, scores: Path | None, single: bool, 
 @click.option("--versions", type=click.IntRange(2, 200), default=18, show_default=True, help="Versions of each picture.")
 @click.option("--rendered-versions", type=click.IntRange(2, 200), default=2, show_default=True, help="Of each rendered one.")
 @click.option("--steps", type=click.IntRange(1, 100_000), default=60, show_default=True, help="Steps of each head.")
-@click.option("--tune", type=click.IntRange(0), default=120, show_default=True, help="Steps of the late trunk; 0 for none.")
 @click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Heads that are merged into one.")
 @click.option("--folds", type=click.IntRange(2, 20), default=5, show_default=True, help="Folds that the thresholds come from.")
 @click.option(

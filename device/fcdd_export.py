@@ -83,7 +83,7 @@ def _traced(network: Whole, card: ModelCard) -> Any:
             (torch.zeros(1, 3, height, width),),
             str(file),
             input_names=["picture"],
-            output_names=["maps"],
+            output_names=["maps", "scores"],
             opset_version=OPSET,
             dynamo=False,
         )

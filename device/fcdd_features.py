@@ -98,9 +98,9 @@ def trunk_model(weights: dict[str, Tensor], work: Path) -> bytes:
     """The whole untouched trunk as ONNX, three times as fast as in torch."""
     import torch
 
-    from estimators.fcdd_training.network import BLOCKS, Trunk
+    from estimators.fcdd_training.network import Trunk
 
-    trunk = Trunk(0, len(BLOCKS))
+    trunk = Trunk()
     trunk.load(weights)
     trunk.eval()
     file = work / "trunk.onnx"

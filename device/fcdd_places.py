@@ -34,7 +34,7 @@ def learn_places(net: Fcdd, lessons: list[Lesson], material: Material, column: i
     if positive.sum() < LEAST:
         return None
     rng = np.random.default_rng(3)
-    maps = _side_by_side(net, material, [*sure, *real])
+    maps = _side_by_side(material, [*sure, *real])
     taken = [_cells(cells, lessons[k], rng) for cells, k in zip(maps, [*sure, *real], strict=True)]
     x = np.concatenate([cells for cells, _ in taken])
     y = np.concatenate([labels for _, labels in taken])
@@ -55,16 +55,16 @@ def learn_places(net: Fcdd, lessons: list[Lesson], material: Material, column: i
     return threshold_for(scores, positive, PRECISION), float(np.sqrt((2 * GAIN) ** 2 + 1) - 1)
 
 
-def _side_by_side(net: Fcdd, material: Material, rows: list[int], batch: int = 32) -> list[NDArray[np.float32]]:
+def _side_by_side(material: Material, rows: list[int], batch: int = 32) -> list[NDArray[np.float32]]:
     """Of each row all taps side by side (channels, h, w), the coarse one enlarged, as the head sees them."""
     import torch
     from torch.nn import functional
 
     found: list[NDArray[np.float32]] = []
-    plain = [tap[0] for tap in material.features[: net.given]]
+    plain = [tap[0] for tap in material.features]
     with torch.no_grad():
         for k in range(0, len(rows), batch):
-            taps = net.taps(tuple(torch.from_numpy(tap[rows[k : k + batch]].astype(np.float32)) for tap in plain))
+            taps = [torch.from_numpy(tap[rows[k : k + batch]].astype(np.float32)) for tap in plain]
             size = taps[0].shape[2:]
             same = [tap if tap.shape[2:] == size else functional.interpolate(tap, size=size, mode="bilinear") for tap in taps]
             found.extend(torch.cat(same, dim=1).numpy())

@@ -9,7 +9,7 @@ import hashlib
 import json
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,10 +28,10 @@ from estimators.fcdd_training.folds import auroc, grouped_folds, threshold_for
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from estimators.fcdd_training.network import Fcdd
-    from estimators.fcdd_training.training import Material, TrainConfig
+    from estimators.fcdd_training.network import Context, Fcdd
+    from estimators.fcdd_training.training import Material
 
-SHARES = {"stills": 0.65, "boxes": 0.1, "rendered": 0.25}
+SHARES = {"stills": 0.7, "boxes": 0.1, "rendered": 0.2}
 """How often each kind of picture is drawn for training."""
 CALIBRATION = 64
 """Pictures that int8 is calibrated on."""
@@ -53,7 +53,6 @@ class Wanted:
     versions: int = 18
     rendered_versions: int = 2
     steps: int = 60
-    tune: int = 0
     seeds: int = 1
     folds: int = 5
     by: str = "cluster"
@@ -66,43 +65,9 @@ class Wanted:
         told = (
             self.classes.names,
             None if self.boxes is None else self.boxes.name,
-            *(self.rendered, self.versions, self.rendered_versions, self.steps, self.tune, self.seeds, self.folds, self.seed),
+            *(self.rendered, self.versions, self.rendered_versions, self.folds, self.seed),
         )
         return f"{self.by}_{hashlib.sha256(repr(told).encode()).hexdigest()[:10]}"
-
-
-@dataclass(frozen=True)
-class Course:
-    """How a network is taught: the head on the untouched trunk, ``seeds`` of them merged into one, its context, and then,
-    where ``tuning`` is given, the late trunk with the head (a head that knows what it wants keeps the trunk from being thrown
-    about at the start)."""
-
-    heads: TrainConfig
-    tuning: TrainConfig | None
-    seeds: int
-    pretrained: dict[str, Tensor]
-
-    def teach(self, material: Material, rows: NDArray[np.int64], note: Note) -> Fcdd:
-        """A network trained on ``rows``."""
-        from estimators.fcdd_training.context import fit_context
-        from estimators.fcdd_training.network import merged
-        from estimators.fcdd_training.training import fit
-
-        def tell(what: str, steps: int) -> Callable[[int, float], None]:
-            return lambda step, value: note(f"{what}, step {step} of {steps}, loss {value:.3f}") if step % 20 == 0 else None
-
-        steps = self.heads.steps
-        nets = [
-            fit(material, rows, self.heads, self.pretrained, seed, None, tell(f"head {seed + 1} of {self.seeds}", steps))
-            for seed in range(self.seeds)
-        ]
-        net = nets[0]
-        net.head = merged([one.head for one in nets])
-        fit_context(net.head, material, rows)
-        if self.tuning is None:
-            return net
-        config = replace(self.tuning, hidden=net.head.maps.in_channels)
-        return fit(material, rows, config, self.pretrained, 0, net.head.state_dict(), tell("tuning", config.steps))
 
 
 @dataclass(frozen=True)
@@ -113,7 +78,36 @@ class School:
     lessons: list[Lesson]
     names: tuple[str, ...]
     material: Material
-    course: Course
+    moments: NDArray[np.float32]
+    """What contexts are fitted on (versions, n, channels); version 0 is the plain picture, 1 its mirror image."""
+    pretrained: dict[str, Tensor]
+
+    def context(self, rows: NDArray[np.int64]) -> Context:
+        """Fitted on ``rows``."""
+        from estimators.fcdd_training.context import fit_context
+        from estimators.fcdd_training.network import Context
+
+        found = Context(self.moments.shape[2] // 2, len(self.names))
+        kinds = [lesson.kind for lesson in self.lessons]
+        shares = np.array([SHARES[kind] / kinds.count(kind) for kind in kinds], np.float32)
+        fit_context(found, self.moments, self.material, shares, rows)
+        return found
+
+    def network(self, note: Note) -> Fcdd:
+        """Maps and context, taught with everything; of ``seeds`` heads one is made."""
+        from estimators.fcdd_training.network import merged
+        from estimators.fcdd_training.training import TrainConfig, fit
+
+        def tell(seed: int) -> Callable[[int, float], None]:
+            return lambda step, value: note(f"head {seed + 1}, step {step}, loss {value:.3f}") if step % 20 == 0 else None
+
+        rows = np.arange(len(self.lessons))
+        config = TrainConfig(steps=self.wanted.steps)
+        nets = [fit(self.material, rows, config, seed, tell(seed)) for seed in range(self.wanted.seeds)]
+        net = nets[0]
+        net.head = merged([one.head for one in nets])
+        net.head.context = self.context(rows)
+        return net
 
 
 def school_of(wanted: Wanted, note: Note) -> School:
@@ -122,8 +116,7 @@ def school_of(wanted: Wanted, note: Note) -> School:
 
     import torch
 
-    from estimators.fcdd_training.network import BLOCKS, FROZEN
-    from estimators.fcdd_training.training import TrainConfig
+    from estimators.fcdd_training.context import moments_of
 
     torch.set_num_threads(1)
     wanted.work.mkdir(parents=True, exist_ok=True)
@@ -142,16 +135,8 @@ def school_of(wanted: Wanted, note: Note) -> School:
         seen.append(features_of(part, count, trunk, wanted.work, kind, wanted.seed, note))
     lessons = [lesson for part in parts for lesson in part]
     taps = tuple(Versions(tuple(found)) for found in zip(*seen, strict=True))
-    heads = TrainConfig(steps=wanted.steps, first=len(BLOCKS), hidden=64, head_rate=5e-3, dropout=0.2)
-    late = TrainConfig(
-        steps=wanted.tune, batch=16, first=FROZEN, rate=TUNE_RATE, head_rate=5e-4, dropout=0.2, average=0.95, keep=TUNE_KEEP
-    )
-    course = Course(heads, late if wanted.tune else None, wanted.seeds, weights)
-    return School(wanted, lessons, names, material_of(lessons, taps, wanted.classes.names), course)
-
-
-TUNE_RATE = 4e-4
-TUNE_KEEP = 0.4
+    material = material_of(lessons, taps, wanted.classes.names)
+    return School(wanted, lessons, names, material, moments_of(material), weights)
 
 
 def material_of(lessons: list[Lesson], taps: tuple[Versions, ...], classes: tuple[str, ...]) -> Material:
@@ -169,9 +154,9 @@ def material_of(lessons: list[Lesson], taps: tuple[Versions, ...], classes: tupl
 
 
 def out_of_fold(school: School, note: Note) -> NDArray[np.float64]:
-    """Scores z (n, classes) of every picture from networks that saw none of its ``by`` ("cluster" or "collection") and no near
-    duplicate of it: the mean of the plain and the mirrored picture. Each fold is kept in the work folder."""
-    from estimators.fcdd_training.training import predict
+    """Scores (n, classes) in 0..1 of every picture from contexts that saw none of its ``by`` ("cluster" or "collection") and
+    no near duplicate of it: the mean of the plain and the mirrored picture. Each fold is kept in the work folder."""
+    import torch
 
     wanted, lessons, material = school.wanted, school.lessons, school.material
     count = len(wanted.classes.names)
@@ -184,9 +169,10 @@ def out_of_fold(school: School, note: Note) -> NDArray[np.float64]:
         train = np.flatnonzero((fold != k) & ~np.isin(clusters, clusters[test]))
         file = wanted.work / f"scores_{wanted.recipe()}_{k}.npy"
         if not file.exists():
-            net = school.course.teach(material, train, note)
-            plain, mirrored = (predict(net, tuple(tap[version][test] for tap in material.features)) for version in (0, 1))
-            np.save(file, (plain + mirrored)[:, :count] / 2)
+            rule = school.context(train).rule
+            with torch.no_grad():
+                told = torch.sigmoid(rule(torch.from_numpy(school.moments[:2, test]))).mean(dim=0)
+            np.save(file, told[:, :count].numpy())
             note(f"fold {k + 1} of {wanted.folds} by {wanted.by}")
         found[test] = np.load(file)
     return found
@@ -203,7 +189,7 @@ def _folds(lessons: list[Lesson], groups: list[str], labels: NDArray[np.float32]
 
 
 def score_thresholds(scores: NDArray[np.float64], school: School) -> dict[str, float]:
-    """Per class the threshold of 1 - exp(-z) that gives the wanted precision on out-of-fold scores: of stills, and where none
+    """Per class the threshold of the score that gives the wanted precision on out-of-fold scores: of stills, and where none
     has the class, of rendered pictures."""
     labels = school.material.labels
     stills = np.array([lesson.kind == "stills" for lesson in school.lessons])
@@ -214,7 +200,7 @@ def score_thresholds(scores: NDArray[np.float64], school: School) -> dict[str, f
         if not labels[rows, k].any():
             found[name] = 0.5
             continue
-        found[name] = threshold_for(1 - np.exp(-scores[rows, k]), labels[rows, k] > 0, school.wanted.precision)
+        found[name] = threshold_for(scores[rows, k], labels[rows, k] > 0, school.wanted.precision)
     return found
 
 
@@ -223,7 +209,7 @@ def map_thresholds(net: Fcdd, school: School) -> dict[str, float]:
     import torch
 
     found = {}
-    plain = [tap[0] for tap in school.material.features[: net.given]]
+    plain = [tap[0] for tap in school.material.features]
     for k, name in enumerate(school.wanted.classes.names):
         rows = np.flatnonzero(school.material.labels[:, k] > 0)
         if len(rows) == 0:
@@ -236,7 +222,7 @@ def map_thresholds(net: Fcdd, school: School) -> dict[str, float]:
 
 
 def train_scores(wanted: Wanted, note: Note) -> tuple[list[Lesson], NDArray[np.float64]]:
-    """The pictures with their out-of-fold scores z (n, classes), for benchmarks. Raises Invalid."""
+    """The pictures with their out-of-fold scores (n, classes), for benchmarks. Raises Invalid."""
     school = school_of(wanted, note)
     return school.lessons, out_of_fold(school, note)
 
@@ -250,7 +236,7 @@ def train_model(wanted: Wanted, note: Note) -> dict[str, float | None]:
 
     names, lessons, material = wanted.classes.names, school.lessons, school.material
     scores = out_of_fold(school, note)
-    net = school.course.teach(material, np.arange(len(lessons)), note)
+    net = school.network(note)
     net.head.cut(len(names))
     thresholds, heights = score_thresholds(scores, school), map_thresholds(net, school)
     if PLACED in names:
@@ -269,7 +255,6 @@ def train_model(wanted: Wanted, note: Note) -> dict[str, float | None]:
     )
     kept = {
         "head": net.head.state_dict(),
-        "trunk": None if net.trunk is None else net.trunk.state_dict(),
         "hidden": net.head.maps.in_channels,
         "card": card.metadata(),
     }
@@ -286,7 +271,7 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
     from device.fcdd_export import float_model, int8_model
     from estimators.fcdd import Fcdd as Runtime
     from estimators.fcdd import card_of
-    from estimators.fcdd_training.network import BLOCKS, FROZEN, Fcdd, Trunk, Whole
+    from estimators.fcdd_training.network import Fcdd, Trunk, Whole
 
     try:
         kept = torch.load(file, map_location="cpu", weights_only=True)
@@ -295,17 +280,14 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
         raise Invalid(f"There are no weights {file}.") from None
     except (OSError, KeyError, ValueError, RuntimeError, pickle.UnpicklingError):
         raise Invalid(f"The file {file} holds no weights of a training.") from None
-    first = len(BLOCKS) if kept["trunk"] is None else FROZEN
-    early = Trunk(0, first)
-    early.load(pretrained())
-    late = Fcdd(len(card.classes), first, int(kept["hidden"]))
+    trunk = Trunk()
+    trunk.load(pretrained())
+    late = Fcdd(len(card.classes), int(kept["hidden"]))
     late.head.load_state_dict(kept["head"])
-    if late.trunk is not None:
-        late.trunk.load_state_dict(kept["trunk"])
-    whole = Whole(early, late).eval()
+    whole = Whole(trunk, late).eval()
     tried = _trials(card.size)
     with torch.no_grad():
-        expected = [1 - np.exp(-whole(torch.from_numpy(x)).mean(dim=(2, 3))[0].numpy()) for x in tried]
+        expected = [whole(torch.from_numpy(x))[1][0].numpy() for x in tried]
     if calibrate is None:
         model = float_model(whole, card)
     else:
@@ -315,7 +297,7 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(model)
     runtime = Runtime(model)
-    found = [1 - np.exp(-runtime.maps(x).mean(axis=(1, 2))) for x in tried]
+    found = [runtime.run(x)[1] for x in tried]
     return float(np.abs(np.array(found) - np.array(expected)).max())
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -57,8 +56,8 @@ class ModelCard:
 
 @dataclass(frozen=True)
 class Seen:
-    """What the network makes of one picture. ``maps`` A_k (classes, h, w), eq. 8; ``scores`` 0..1 per class: 1 - exp(-z_k),
-    the probability that eq. 9 gives the class."""
+    """What the network makes of one picture. ``maps`` A_k (classes, h, w), eq. 8, say where; ``scores`` 0..1 per class whether
+    it is in the picture at all."""
 
     card: ModelCard
     maps: Maps
@@ -91,13 +90,11 @@ class Fcdd:
     def see(self, picture: Picture, mirrored: bool = False) -> Seen:
         """``picture`` (h, w, 3) uint8 BGR of any size. ``mirrored`` looks at its mirror image too and takes the mean, at twice
         the cost."""
-        found = self.maps(prepared(picture, self.card.size))
+        maps, scores = self.run(prepared(picture, self.card.size))
         if mirrored:
-            other = self.maps(prepared(np.ascontiguousarray(picture[:, ::-1]), self.card.size))[:, :, ::-1]
-            found = np.asarray((found + other) / 2, found.dtype)
-        scores = found.mean(axis=(1, 2))
-        named = {label: 1.0 - math.exp(-float(z)) for label, z in zip(self.card.classes, scores, strict=True)}
-        return Seen(self.card, found, named)
+            other, others = self.run(prepared(np.ascontiguousarray(picture[:, ::-1]), self.card.size))
+            maps, scores = _mean(maps, other[:, :, ::-1]), _mean(scores, others)
+        return Seen(self.card, maps, {label: float(value) for label, value in zip(self.card.classes, scores, strict=True)})
 
     def detect(self, picture: Picture) -> list[Detection]:
         """What lies where in ``picture``: the components of the maps of those classes that the picture as a whole shows."""
@@ -106,10 +103,15 @@ class Fcdd:
         height, width = picture.shape[:2]
         return from_heatmaps(shown, self.card.map_thresholds, (width, height), LEAST_SHARE * width * height)
 
-    def maps(self, x: Maps) -> Maps:
-        """Anomaly maps (classes, h, w) of a ``prepared`` picture."""
-        (found,) = self._session.run(None, {self._input: x})
-        return np.asarray(found[0], dtype=np.float32)
+    def run(self, x: Maps) -> tuple[Maps, Maps]:
+        """Anomaly maps (classes, h, w) and scores (classes,) of a ``prepared`` picture. A model without scores of its own is
+        told by eq. 9: 1 - exp(-z), z the mean of the map."""
+        maps, *scores = (np.asarray(found[0], dtype=np.float32) for found in self._session.run(None, {self._input: x}))
+        return maps, scores[0] if scores else np.asarray(-np.expm1(-maps.mean(axis=(1, 2))), np.float32)
+
+
+def _mean(one: Maps, other: Maps) -> Maps:
+    return np.asarray((one + other) / 2, dtype=np.float32)
 
 
 def prepared(picture: Picture, size: tuple[int, int]) -> Maps:

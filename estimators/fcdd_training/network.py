@@ -34,10 +34,6 @@ BLOCKS = (
 STEM = 32
 TAPS = (7, 10, 15)
 """Blocks that the head looks at: texture and edges at a stride of 16 pixels, parts of things there, whole things at 32."""
-FROZEN = 11
-"""Blocks before those that may be trained."""
-MOST_CONTEXT = 4.0
-"""The whole picture raises or lowers a map by a factor of e^4 at most."""
 
 
 class Same(nn.Conv2d):
@@ -84,21 +80,18 @@ class Block(nn.Module):
 
 
 class Trunk(nn.Module):
-    """Blocks ``first`` to ``last`` (exclusive) of the trunk; with the stem where ``first`` is 0."""
+    """The trunk up to the last of ``TAPS``."""
 
-    def __init__(self, first: int = 0, last: int = FROZEN) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.first, self.last = first, last
-        if first == 0:
-            self._conv_stem, self._bn0 = Same(3, STEM, 3, 2), _norm(STEM)
+        self._conv_stem, self._bn0 = Same(3, STEM, 3, 2), _norm(STEM)
         widths = (STEM, *(block[3] for block in BLOCKS))
-        self._blocks = nn.ModuleDict({str(k): Block(widths[k], *BLOCKS[k]) for k in range(first, last)})
+        self._blocks = nn.ModuleDict({str(k): Block(widths[k], *block) for k, block in enumerate(BLOCKS)})
 
     def forward(self, x: Tensor) -> tuple[Tensor, ...]:
-        """Pictures (n, 3, h, w), RGB as (x - 127) / 128, or features of the block before ``first``, to those of ``TAPS``."""
-        found = [x] if self.first - 1 in TAPS else []
-        if self.first == 0:
-            x = functional.relu6(self._bn0(self._conv_stem(x)))
+        """Pictures (n, 3, h, w), RGB as (x - 127) / 128, to the features of ``TAPS``."""
+        found = []
+        x = functional.relu6(self._bn0(self._conv_stem(x)))
         for name, block in self._blocks.items():
             x = block(x)
             if int(name) in TAPS:
@@ -112,22 +105,23 @@ class Trunk(nn.Module):
 
 
 class Context(nn.Module):
-    """How much the picture as a whole makes each class likely: a linear rule on the mean and the deviation of each channel.
+    """Whether the picture as a whole shows a class: a linear rule on the mean and the deviation of each channel.
 
-    A class is raised where the pipe looks like those in which it is found, which a map of small cells cannot know. The rule
-    is fitted by itself (context.py) and is zero until then.
+    Maps of small cells say where a thing is, but the mean of a map (z of eq. 9) tells pictures of unknown cameras apart worse
+    than this rule does. It is fitted by itself (context.py); classes without one are told by their maps.
     """
 
     def __init__(self, inputs: int, classes: int) -> None:
         super().__init__()
         self.rule = nn.Linear(2 * inputs, classes)
+        self.register_buffer("known", torch.zeros(classes))
         nn.init.zeros_(self.rule.weight)
         nn.init.zeros_(self.rule.bias)
 
-    def forward(self, taps: list[Tensor]) -> Tensor:
-        """The logarithm c_k (n, classes, 1, 1) of the factor of each map."""
-        told: Tensor = self.rule(torch.cat([moments(tap) for tap in taps], dim=1))
-        return (MOST_CONTEXT * torch.tanh(told / MOST_CONTEXT))[:, :, None, None]
+    def forward(self, features: tuple[Tensor, ...]) -> Tensor:
+        """The logit (n, classes) of each class, 0 where there is no rule."""
+        found: Tensor = self.rule(torch.cat([moments(tap) for tap in features], dim=1))
+        return found
 
 
 def moments(tap: Tensor) -> Tensor:
@@ -139,7 +133,7 @@ def moments(tap: Tensor) -> Tensor:
 
 class Head(nn.Module):
     """From the features of ``TAPS`` to the maps: every tap is brought to ``hidden`` channels, the coarse one enlarged, their
-    sum goes through ReLU6 to one map per class, and that through eq. 8; the context's factor is on top of it."""
+    sum goes through ReLU6 to one map per class, and that through eq. 8. Its context says whether, the maps say where."""
 
     def __init__(self, classes: int, hidden: int, dropout: float = 0.0) -> None:
         super().__init__()
@@ -156,18 +150,10 @@ class Head(nn.Module):
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
         """Anomaly maps A_k >= 0 (n, classes, h / 16, w / 16)."""
-        return self.local(features) * torch.exp(self.context(self.scaled(features)))
-
-    def scaled(self, features: tuple[Tensor, ...]) -> list[Tensor]:
-        """Every tap with mean 0 and deviation 1 as the untouched trunk makes it."""
-        return [scale(x) for scale, x in zip(self.scales, features, strict=True)]
-
-    def local(self, features: tuple[Tensor, ...]) -> Tensor:
-        """The maps without the context."""
         size = features[0].shape[2:]
         mixed = torch.zeros(1)
-        for tap, x in zip(self.taps, self.scaled(features), strict=True):
-            y = tap(self.dropout(x))
+        for scale, tap, x in zip(self.scales, self.taps, features, strict=True):
+            y = tap(self.dropout(scale(x)))
             mixed = mixed + (y if y.shape[2:] == size else functional.interpolate(y, size=size, mode="bilinear"))
         return anomaly(self.maps(functional.relu6(mixed)))
 
@@ -177,24 +163,20 @@ class Head(nn.Module):
         for old, new in ((self.maps, maps), (self.context.rule, rule)):
             new.weight = nn.Parameter(old.weight.detach()[:classes])
             new.bias = nn.Parameter(old.bias.detach()[:classes])  # type: ignore[union-attr]
-        self.maps, self.context.rule = maps, rule
+        self.maps, self.context.rule, self.context.known = maps, rule, self.context.known[:classes]
+
+    def told(self, features: tuple[Tensor, ...], maps: Tensor) -> Tensor:
+        """Scores (n, classes) in 0..1: by the context where the class has one, else 1 - exp(-z) of its map, eq. 9."""
+        by_map = 1 - torch.exp(-score(maps))
+        known = self.context.known
+        return known * torch.sigmoid(self.context(features)) + (1 - known) * by_map
 
     def fold(self) -> None:
         """Put the scales into what lies behind them: the same maps for less work. Once, after training."""
-        start = 0
         for k, (scale, tap) in enumerate(zip(self.scales, self.taps, strict=True)):
             if isinstance(scale, nn.Identity):
                 continue
             inverse = torch.rsqrt(scale.running_var + scale.eps)
-            width = len(inverse)
-            with torch.no_grad():
-                # means move and shrink with the scale, deviations only shrink
-                rule = self.context.rule
-                means, spreads = slice(start, start + width), slice(start + width, start + 2 * width)
-                rule.weight[:, means] *= inverse
-                rule.weight[:, spreads] *= inverse
-                rule.bias -= rule.weight[:, means] @ scale.running_mean
-            start += 2 * width
             weight = tap.weight.detach() * inverse[None, :, None, None]
             shift = -(weight[:, :, 0, 0] @ scale.running_mean)
             folded = nn.Conv2d(weight.shape[1], weight.shape[0], 1)
@@ -204,36 +186,33 @@ class Head(nn.Module):
 
 
 class Fcdd(nn.Module):
-    """Late trunk, from block ``first`` on, and head. With ``first`` after the last block it is the head alone. ``given`` is the
-    number of taps before ``first``."""
+    """What is taught: the head."""
 
-    def __init__(self, classes: int, first: int, hidden: int, dropout: float = 0.0) -> None:
+    def __init__(self, classes: int, hidden: int, dropout: float = 0.0) -> None:
         super().__init__()
-        self.first = first
-        self.given = sum(tap < first for tap in TAPS)
-        self.trunk = Trunk(first, len(BLOCKS)) if first < len(BLOCKS) else None
         self.head = Head(classes, hidden, dropout)
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
-        """Anomaly maps (n, classes, h / 16, w / 16) from the features of the taps so far."""
-        found: Tensor = self.head(self.taps(features))
+        """Anomaly maps (n, classes, h / 16, w / 16) from the features of ``TAPS``."""
+        found: Tensor = self.head(features)
         return found
 
-    def taps(self, features: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        """The features of all ``TAPS`` from those before ``first``; block ``first`` - 1 is one of ``TAPS``."""
-        return features if self.trunk is None else (*features[: self.given - 1], *self.trunk(features[self.given - 1]))
+    def told(self, features: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
+        """Maps, and scores (n, classes)."""
+        maps = self.head(features)
+        return maps, self.head.told(features, maps)
 
 
 class Whole(nn.Module):
-    """Picture to maps, for export: early trunk, late trunk, head."""
+    """Picture to maps and scores, for export: trunk and head."""
 
-    def __init__(self, early: Trunk, late: Fcdd) -> None:
+    def __init__(self, trunk: Trunk, late: Fcdd) -> None:
         super().__init__()
-        self.early, self.late = early, late
+        self.trunk, self.late = trunk, late
 
-    def forward(self, pictures: Tensor) -> Tensor:
-        """(n, 3, h, w), RGB as (x - 127) / 128, to (n, classes, h / 16, w / 16)."""
-        found: Tensor = self.late(self.early(pictures))
+    def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+        """(n, 3, h, w), RGB as (x - 127) / 128, to maps (n, classes, h / 16, w / 16) and scores (n, classes)."""
+        found: tuple[Tensor, Tensor] = self.late.told(self.trunk(pictures))
         return found
 
 

@@ -86,9 +86,10 @@ def grafted(head: Head, column: int, rule: CellRule) -> Head:
         found.maps.weight[column, hidden] = GAIN
         found.maps.bias.copy_(head.maps.bias)
         found.maps.bias[column] = 0
-        # a place is learnt from its cell alone
+        # and whether it is there, from its cells alone
         found.context.rule.weight[column] = 0
         found.context.rule.bias[column] = 0
+        found.context.known[column] = 0
     found.eval()
     return found
 

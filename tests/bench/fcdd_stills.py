@@ -39,8 +39,6 @@ def main() -> None:
     parser.add_argument("--work", type=Path, required=True, help="where features and folds are kept between runs")
     parser.add_argument("--by", choices=["cluster", "collection"], help="one split only")
     parser.add_argument("--ablation", action="store_true", help="stills alone, with boxes, with rendered pictures")
-    parser.add_argument("--steps", type=int, default=Wanted.steps)
-    parser.add_argument("--tune", type=int, default=Wanted.tune)
     parser.add_argument("--rendered", type=int, default=Wanted.rendered)
     chosen = vars(parser.parse_args())
     only, ablation = chosen.pop("by"), chosen.pop("ablation")
@@ -64,7 +62,7 @@ def show(by: str, lessons: list[Any], scores: Any) -> None:
         if count < LEAST:
             rows.append((name, count, "-", "-", "-", "-", "-", "-"))
             continue
-        values = 1 - np.exp(-scores[stills, k])
+        values = scores[stills, k]
         low, high = auroc_interval(values, positive, groups, np.random.default_rng(0))
         said = _said(values, positive, groups)
         precision = (said & positive).sum() / max(said.sum(), 1)

@@ -44,6 +44,8 @@ FIRST_SEED = 900
 DIAMETER = 0.6
 LATERAL = 0.15
 """Interior diameter (m) of the laterals: the record does not state it."""
+WATER = 0.02
+"""Its depth (m)."""
 BEFORE, BEHIND = 1.0, 3.0
 """The pipe goes on so far (m) on either side of the segment."""
 
@@ -136,15 +138,16 @@ def rebuilt() -> tuple[Drive, list[Truth]]:
     things = tuple(_thing(one) for one in truths)
     length = end + shift + BEHIND
     joints = tuple(Joint(float(z), 0.02) for z in np.arange(0.7, length, 2.44))
-    sewer = VirtualSewer(circular(DIAMETER), length, 0.03, joints=joints, things=things)
+    sewer = VirtualSewer(circular(DIAMETER), length, WATER, joints=joints, things=things)
     speed = (end - start) / (len(positions) / FPS)
     return Drive(sewer, (Go(end + shift, speed),), BEFORE, seed=FIRST_SEED), truths
 
 
 def _thing(truth: Truth) -> Thing:
+    angle = float(np.remainder(truth.angle + np.pi, 2 * np.pi) - np.pi)
     if truth.label == "connection":
-        return Connection(truth.middle, truth.angle, LATERAL)
-    return Patch(truth.low, max(truth.high, truth.low + 0.3), truth.angle, 0.5, 0.05)
+        return Connection(truth.middle, angle, LATERAL)
+    return Patch(truth.low, max(truth.high, truth.low + 0.3), angle, 0.5, 0.05)
 
 
 def _pictures(drive: Drive, moments: np.ndarray, work: Path | None, name: str) -> Iterator[np.ndarray]:

@@ -9,10 +9,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
 
-from estimators.fcdd_training.context import fit_context  # noqa: E402
-from estimators.fcdd_training.network import MOST_CONTEXT, Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
+from estimators.fcdd_training.context import fit_context, moments_of  # noqa: E402
+from estimators.fcdd_training.network import Context, Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
 from estimators.fcdd_training.placed import GAIN, MARGIN, CellRule, fit_cells, grafted  # noqa: E402
-from estimators.fcdd_training.training import Material, TrainConfig, fit, predict  # noqa: E402
+from estimators.fcdd_training.training import Material, TrainConfig, fit  # noqa: E402
 
 
 def test_the_transformation_of_eq_8() -> None:
@@ -52,24 +52,20 @@ def test_same_padding_puts_the_odd_pixel_at_the_end() -> None:
 
 def test_folding_the_scales_changes_nothing() -> None:
     torch.manual_seed(1)
-    net = Fcdd(5, 16, 8).eval()
+    net = Fcdd(5, 8).eval()
     for scale in net.head.scales:
         scale.running_mean.normal_()
         scale.running_var.uniform_(0.5, 2)
-    torch.nn.init.normal_(net.head.context.rule.weight, std=0.05)
-    torch.nn.init.normal_(net.head.context.rule.bias)
     features = tuple(torch.randn(2, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
     with torch.no_grad():
         before = net(features)
-        assert not torch.allclose(before, net.head.local(features), atol=1e-2)
         net.head.fold()
         assert torch.allclose(before, net(features), rtol=1e-3, atol=1e-4)
 
 
 def test_cutting_leaves_the_first_maps_as_they_were() -> None:
     torch.manual_seed(3)
-    head = Fcdd(5, 16, 8).eval().head
-    torch.nn.init.normal_(head.context.rule.weight, std=0.05)
+    head = Fcdd(5, 8).eval().head
     features = tuple(torch.randn(1, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
     with torch.no_grad():
         before = head(features)
@@ -77,7 +73,7 @@ def test_cutting_leaves_the_first_maps_as_they_were() -> None:
         assert torch.allclose(before[:, :2], head(features), atol=1e-4)
 
 
-def test_a_context_raises_what_its_pictures_look_like_and_no_rare_class() -> None:
+def test_a_context_tells_what_its_pictures_look_like_and_no_rare_class() -> None:
     rng = np.random.default_rng(8)
     labels = np.zeros((90, 2), np.float32)
     labels[:40, 0] = 1
@@ -86,40 +82,40 @@ def test_a_context_raises_what_its_pictures_look_like_and_no_rare_class() -> Non
     # the class is told by how uneven some channels are, which no mean knows
     taps[1][:, :, :40] *= np.where(labels[:, 0] > 0, 3, 1)[None, :, None, None, None].astype(np.float16)
     material = Material(tuple(taps), labels, np.ones_like(labels), np.full(90, 1 / 90))
-    head = Fcdd(2, 16, 8).eval().head
-    fit_context(head, material, np.arange(0, 90, 2), versions=2)
+    seen = moments_of(material, versions=2)
+    assert seen.shape == (2, 90, 1024)
+    context = Context(512, 2)
+    fit_context(context, seen, material, np.ones(90, np.float32), np.arange(0, 90, 2))
     with torch.no_grad():
-        held = tuple(torch.from_numpy(tap[0][1::2].astype(np.float32)) for tap in taps)
-        told = head.context(head.scaled(held))[:, :, 0, 0].numpy()
+        told = context(tuple(torch.from_numpy(tap[0][1::2].astype(np.float32)) for tap in taps)).numpy()
     positive = labels[1::2, 0] > 0
-    assert told[positive, 0].mean() > told[~positive, 0].mean() + 0.5
-    assert np.abs(told).max() <= MOST_CONTEXT
+    assert told[positive, 0].mean() > told[~positive, 0].mean() + 1
+    assert context.known.tolist() == [1.0, 0.0]
     assert (told[:, 1] == 0).all()
 
 
-def test_tuned_weights_go_a_part_of_the_way() -> None:
-    rng = np.random.default_rng(9)
-    labels = (rng.random((24, 2)) < 0.5).astype(np.float32)
-    taps = tuple(rng.normal(size=(2, 24, width, *size)).astype(np.float16) for width, size in ((80, (4, 4)), (112, (4, 4))))
-    material = Material(taps, labels, np.ones_like(labels), np.full(24, 1 / 24))
-    torch.manual_seed(0)
-    pretrained = Trunk(11, 16).state_dict()
-    head = Fcdd(2, 16, 8).head.state_dict()
-    found = []
-    for keep in (0.0, 0.75):
-        config = TrainConfig(steps=2, batch=8, first=11, hidden=8, rate=1e-3, keep=keep)
-        found.append(fit(material, np.arange(24), config, pretrained, 0, head).state_dict())
-    name = "trunk._blocks.15._project_conv.weight"
-    whole, part = (one[name] - pretrained["_blocks.15._project_conv.weight"] for one in found)
-    assert float(whole.abs().max()) > 0
-    assert torch.allclose(part, 0.25 * whole, atol=1e-6)
+def test_a_class_without_context_is_told_by_its_map() -> None:
+    torch.manual_seed(4)
+    net = Fcdd(2, 8).eval()
+    net.head.context.known[0] = 1.0
+    features = tuple(torch.randn(1, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
+    with torch.no_grad():
+        maps, scores = net.told(features)
+    assert scores[0, 0] == 0.5  # the rule knows nothing yet
+    assert float(scores[0, 1]) == pytest.approx(1 - math.exp(-float(maps[0, 1].mean())), abs=1e-6)
 
 
 def test_whole_network_gives_a_map_per_class() -> None:
     with torch.no_grad():
-        maps = Whole(Trunk(0, 16), Fcdd(5, 16, 8)).eval()(torch.zeros(1, 3, 240, 320))
+        maps, scores = Whole(Trunk(), Fcdd(5, 8)).eval()(torch.zeros(1, 3, 240, 320))
     assert maps.shape == (1, 5, 15, 20)
+    assert scores.shape == (1, 5)
     assert float(maps.min()) >= 0
+
+
+def _scores(net: Fcdd, taps: list[np.ndarray]) -> np.ndarray:
+    with torch.no_grad():
+        return score(net(tuple(torch.from_numpy(tap[0].astype(np.float32)) for tap in taps))).numpy()
 
 
 def test_a_head_learns_what_can_be_seen_and_repeats_itself() -> None:
@@ -129,19 +125,19 @@ def test_a_head_learns_what_can_be_seen_and_repeats_itself() -> None:
     taps[1][:, :, :8] += labels[None, :, :1, None, None].astype(np.float16) * 2
     taps[2][:, :, :8] += labels[None, :, 1:, None, None].astype(np.float16) * 2
     material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60))
-    config = TrainConfig(steps=60, batch=16, first=16, hidden=8, dropout=0.0, mixup=0.0, head_rate=1e-2)
+    config = TrainConfig(steps=60, batch=16, hidden=8, dropout=0.0, mixup=0.0, rate=1e-2)
     rows = np.arange(40)
-    found = predict(fit(material, rows, config, {}, seed=1), tuple(tap[0] for tap in taps))
+    found = _scores(fit(material, rows, config, seed=1), taps)
     for column in range(2):
         unseen = found[40:, column]
         assert unseen[labels[40:, column] > 0].mean() > unseen[labels[40:, column] == 0].mean() + 0.3
-    again = predict(fit(material, rows, config, {}, seed=1), tuple(tap[0] for tap in taps))
+    again = _scores(fit(material, rows, config, seed=1), taps)
     assert np.array_equal(found, again)
 
 
 def test_a_grafted_rule_is_the_map_of_its_class_and_leaves_the_others() -> None:
     torch.manual_seed(2)
-    head = Fcdd(3, 16, 8).eval().head
+    head = Fcdd(3, 8).eval().head
     for scale in head.scales:
         scale.running_mean.normal_()
         scale.running_var.uniform_(0.5, 2)
