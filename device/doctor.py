@@ -19,7 +19,7 @@ from device.config import Settings, load_settings
 from device.daemon import program_version
 from device.json_text import dumps
 
-_REQUIRED = ("numpy", "scipy", "opencv-python-headless", "flask", "waitress", "pydantic", "click")
+_REQUIRED = ("numpy", "scipy", "opencv-python-headless", "flask", "waitress", "pydantic", "click", "mcap")
 _CAMERAS = {"pyrealsense2": ("RealSense cameras", "realsense"), "depthai": ("OAK cameras", "oak")}
 _MARK = {"ok": "ok", "note": "--", "fault": "!!"}
 

@@ -112,7 +112,7 @@ class _Export:
         """The very bytes that were recorded."""
         name = topic.strip("/").replace("/", "-")
         (self._folder / name).mkdir(exist_ok=True)
-        file = f"{name}/{picture.number:08d}.jpg"
+        file = f"{name}/{picture.number:08d}.{'jpg' if picture.format == 'jpeg' else 'png'}"
         (self._folder / file).write_bytes(picture.jpeg)
         row = [file, picture.number, picture.monotonic_ns, "" if picture.media_s is None else picture.media_s]
         self._row(PICTURES, ["file", "number", "monotonic_ns", "media_s"], row)

@@ -172,6 +172,8 @@ class Recorder:
             self._condition.notify()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(wait_s)
+        if self._discard and not self._thread.is_alive():
+            self._remove_files()
 
     def status(self) -> RecorderStatus:
         """The state of this moment."""
@@ -205,7 +207,9 @@ class Recorder:
             log.exception("survey %d is no longer recorded", self.name.survey)
             self._give_up(BROKEN.format("an error in the program"))
         self._on_change()
-        if not self._discard:
+        if self._discard:
+            self._remove_files()
+        else:
             self._on_end(self)
 
     def _work(self) -> None:
@@ -251,8 +255,9 @@ class Recorder:
             self._worst_ns = max(self._worst_ns, time.monotonic_ns() - oldest)
             self._oldest_unsynced_ns = None
         if self._log.file.size > self._part_bytes:
-            self._log.finish()
-            self._bytes += self._log.file.size
+            full, self._log = self._log, None
+            full.finish()
+            self._bytes += full.file.size
             self._begin_part(Name(self.name.survey, self.name.take, self.name.part + len(self._files)))
 
     def _begin_part(self, name: Name) -> None:
@@ -266,10 +271,10 @@ class Recorder:
             current.finish()
             self._bytes += current.file.size
             self._become(state, message)
-        if self._discard:
-            for file in self._files:
-                (self.folder / file).unlink(missing_ok=True)
-            self._files.clear()
+
+    def _remove_files(self) -> None:
+        for file in self._files:
+            (self.folder / file).unlink(missing_ok=True)
 
     def _give_up(self, message: str) -> None:
         current, self._log = self._log, None

@@ -33,8 +33,9 @@ class Report:
     """What is known of one file.
 
     ``ok``: whole as it stands, every checksum agrees. ``recovered``: it was not, or is not, and a whole one was made of what
-    can be read (``check`` tries it beside the file). ``lost_seconds`` are those between readable neighbours of damaged chunks,
-    and those of a torn chunk at the end. ``state`` is whole, recovered, torn, damaged, unreadable or writing.
+    can be read (``check`` tries it beside the file). ``lost_seconds`` are those from the last readable sample before a damaged
+    or torn chunk to the last one in it, or to the next readable one where its header is damaged too. ``state`` is whole,
+    recovered, torn, damaged, unreadable or writing.
     """
 
     file: str
@@ -141,7 +142,7 @@ def _sum(path: Path) -> _Sum:
             found.damaged += 1
             hole.append(part)
         elif isinstance(part, Whole):
-            _add_chunk(found, part, bool(hole))
+            _add_chunk(found, part, hole)
             hole.clear()
         elif isinstance(part, Attachment):
             found.attachments += 1
@@ -157,7 +158,7 @@ def _sum(path: Path) -> _Sum:
     return found
 
 
-def _add_chunk(found: _Sum, chunk: Whole, after_a_hole: bool) -> None:
+def _add_chunk(found: _Sum, chunk: Whole, hole: list[Damage]) -> None:
     times = [record.log_time for record in chunk.records if isinstance(record, Message)]
     if not times:
         return
@@ -166,8 +167,9 @@ def _add_chunk(found: _Sum, chunk: Whole, after_a_hole: bool) -> None:
     if found.last_ns is not None:
         step = max(times) - found.last_ns
         found.spans += max(0, step)
-        if after_a_hole:
-            found.lost_ns += max(0, min(times) - found.last_ns)
+        if hole:
+            told = [part.end_ns for part in hole if part.end_ns is not None and found.last_ns <= part.end_ns <= min(times)]
+            found.lost_ns += max(0, max(told, default=min(times)) - found.last_ns)
     found.chunks += 1
     found.messages += len(times)
     found.last_ns = max(times) if found.last_ns is None else max(found.last_ns, max(times))

@@ -14,6 +14,7 @@ from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
 
 JPEG_QUALITY = 90
+_PNG = b"\x89PNG"
 
 Note = dict[str, Any]
 """Anything JSON-ready: estimates, what was consumed, findings."""
@@ -21,13 +22,19 @@ Note = dict[str, Any]
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture as it is recorded: what an estimator reads of it is ``frame``, decoded from ``jpeg``."""
+    """A picture as it is recorded: what an estimator reads of it is ``frame``, decoded from ``jpeg`` (or from the PNG that it
+    is where nothing may be lost)."""
 
     jpeg: bytes = field(repr=False)
     monotonic_ns: int
     number: int
     media_s: float | None = None
     source: str = ""
+
+    @property
+    def format(self) -> str:
+        """ "jpeg" or "png", as its first bytes tell."""
+        return "png" if self.jpeg.startswith(_PNG) else "jpeg"
 
     def frame(self) -> VideoFrame:
         """The picture as the estimators read it: (H, W, 3) BGR."""
@@ -45,9 +52,10 @@ class Words:
 Sample = DepthFrame | Picture | Reading | Words | Note
 
 
-def picture(frame: VideoFrame) -> Picture:
-    """``frame`` as it is recorded."""
-    return Picture(encoded(frame.image), frame.monotonic_ns, frame.number, frame.media_s, frame.source)
+def picture(frame: VideoFrame, lossless: bool = False) -> Picture:
+    """``frame`` as it is recorded; ``lossless`` for pictures that are matched with each other, at ten times the size."""
+    data = _png(frame.image) if lossless else encoded(frame.image)
+    return Picture(data, frame.monotonic_ns, frame.number, frame.media_s, frame.source)
 
 
 def encoded(image: NDArray[np.uint8]) -> bytes:
@@ -56,11 +64,16 @@ def encoded(image: NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
+def _png(image: NDArray[np.uint8]) -> bytes:
+    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return data.tobytes()
+
+
 def decoded(jpeg: bytes) -> NDArray[np.uint8]:
-    """(H, W, 3) BGR. Raises ValueError for what is no JPEG."""
+    """(H, W, 3) BGR of a JPEG or a PNG. Raises ValueError for what is neither."""
     image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
-        raise ValueError("the picture is no JPEG")
+        raise ValueError("the picture is no JPEG and no PNG")
     return np.asarray(image, dtype=np.uint8)
 
 

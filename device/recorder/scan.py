@@ -89,7 +89,9 @@ def _walk(data: mmap.mmap) -> Iterator[Found]:
         if record is None:
             clean = False
             yield _damage(data, at)
-            at = sure = _next_chunk(data, sure, at)
+            at, passed = _next_chunk(data, sure, at)
+            sure = at
+            yield from passed
             continue
         end, found = record
         if isinstance(found, DataEnd):
@@ -147,17 +149,21 @@ def _chunk(data: mmap.mmap, begin: int, end: int) -> tuple[Chunk, int]:
     return chunk, begin + stream.count
 
 
-def _next_chunk(data: mmap.mmap, sure: int, bad: int) -> int:
-    """Where the next sound chunk begins, or the end of the data. It may lie before ``bad``, behind what is ``sure``: the length
-    of the record in between may be what was flipped."""
+def _next_chunk(data: mmap.mmap, sure: int, bad: int) -> tuple[int, list[Damage]]:
+    """Where the next sound chunk begins, or the end of the data, and the unsound ones on the way behind ``bad``. It may lie
+    before ``bad``, behind what is ``sure``: the length of the record in between may be what was flipped."""
     at = sure
+    passed: list[Damage] = []
     while True:
         hits = [hit for hit in (data.find(mark, at + _MARK_AT) for mark in _MARKS) if hit >= 0]
         if not hits:
-            return _end_of_data(data, bad + 1)
+            return _end_of_data(data, bad + 1), passed
         start = min(hits) - _MARK_AT
-        if data[start] == Opcode.CHUNK and _record_at(data, start) is not None:
-            return start
+        if data[start] == Opcode.CHUNK:
+            if _record_at(data, start) is not None:
+                return start, passed
+            if start > bad:
+                passed.append(_damage(data, start))
         at = start + 1
 
 

@@ -102,7 +102,7 @@ def messages(topic: str, sample: Sample, stamp_ns: int, calibrated: set[str]) ->
     if isinstance(sample, DepthFrame):
         yield from _depth(topic, sample, stamp_ns, calibrated)
     elif isinstance(sample, Picture):
-        yield Message(f"{topic}/{IMAGE}", COMPRESSED_IMAGE, _compressed(topic, sample.jpeg, stamp_ns))
+        yield Message(f"{topic}/{IMAGE}", COMPRESSED_IMAGE, _compressed(topic, sample.jpeg, stamp_ns, sample.format))
         told = {key: getattr(sample, key) for key in ("number", "monotonic_ns", "media_s", "source")}
         yield Message(f"{topic}/{FRAME}", VIDEO_FRAME, _text(told))
     elif isinstance(sample, Reading):
@@ -137,8 +137,8 @@ def _depth(topic: str, frame: DepthFrame, stamp_ns: int, calibrated: set[str]) -
     yield Message(f"{topic}/{FRAME}", DEPTH_FRAME, _text(told))
 
 
-def _compressed(topic: str, jpeg: bytes, stamp_ns: int) -> bytes:
-    image = CompressedImage(timestamp=_time(stamp_ns), frame_id=topic.rpartition("/")[2], data=jpeg, format="jpeg")
+def _compressed(topic: str, data: bytes, stamp_ns: int, kind: str = "jpeg") -> bytes:
+    image = CompressedImage(timestamp=_time(stamp_ns), frame_id=topic.rpartition("/")[2], data=data, format=kind)
     return bytes(image.SerializeToString())
 
 

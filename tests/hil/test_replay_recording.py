@@ -15,6 +15,7 @@ from device.replay import replay
 from device.surveys.topics import FINDINGS, FRAMES, PROMPTED, STEPS
 from tests.hil import crawler_rig, rig
 from tests.hil.crawler_rig import Thing
+from tests.hil.rig import PATIENCE_S
 
 THINGS = (Thing("deposit", 0.9, 1.6), Thing("connection", 1.1, -0.4))
 END_M = 1.5
@@ -52,9 +53,9 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
         box.drive_to(0.4)
         box.device.resume_drive()
         box.device.mark_landmark("roots", 4.0, "by hand")
-        box.drive_to(END_M)
+        box.drive_to(END_M, PATIENCE_S)
         box.device.end_drive()
-        box.finished()
+        box.finished(PATIENCE_S)
         stored = box.device.survey_map(survey)
     finally:
         box.close()
@@ -160,13 +161,13 @@ def test_a_disk_that_fills_ends_the_recording_and_not_the_drive(tmp_path: Path) 
         survey = box.device.start_drive()["survey_id"]
         box.drive_to(0.4)
         box.device._shelf._free = lambda folder: 60 * MB
-        box.wait(lambda: "not_recorded" in [prompt["code"] for prompt in box.device.drive()["prompts"]])
+        box.wait(lambda: "not_recorded" in [prompt["code"] for prompt in box.device.drive()["prompts"]], PATIENCE_S)
         (now,) = box.device.status()["recording"]["now"]
         assert (now["state"], now["survey_id"]) == ("stopped", survey)
         assert "nearly full" in now["message"]
-        box.drive_to(END_M)
+        box.drive_to(END_M, PATIENCE_S)
         box.device.end_drive()
-        box.finished()
+        box.finished(PATIENCE_S)
         assert box.device.survey_map(survey)["state"] == "saved"
         assert len(box.device.survey_map(survey)["landmarks"]) >= 2
     finally:
@@ -176,6 +177,20 @@ def test_a_disk_that_fills_ends_the_recording_and_not_the_drive(tmp_path: Path) 
     assert PROMPTED not in [entry.topic for entry in open_recording(path).entries()]
 
 
+def test_what_a_power_cut_left_is_recovered_when_the_box_starts(measured: Path, tmp_path: Path) -> None:
+    (tmp_path / "recordings").mkdir()
+    path = tmp_path / "recordings" / measured.name
+    path.write_bytes(measured.read_bytes()[:-5000])
+    box = crawler_rig.Bench(tmp_path, ())
+    try:
+        box.wait(lambda: box.device.status()["recording"]["recovered"] == 1, PATIENCE_S)
+    finally:
+        box.close()
+    assert check(path).ok
+    assert check(path).recovered
+    assert check(path).lost_seconds < 1.0
+
+
 def test_a_cancelled_survey_leaves_no_recording(tmp_path: Path) -> None:
     box = crawler_rig.Bench(tmp_path, ())
     try:
@@ -183,7 +198,7 @@ def test_a_cancelled_survey_leaves_no_recording(tmp_path: Path) -> None:
         box.device.start_drive()
         box.drive_to(0.2)
         box.device.cancel_drive()
-        box.finished()
+        box.finished(PATIENCE_S)
     finally:
         box.close()
     assert recordings(tmp_path) == []

@@ -199,6 +199,17 @@ def test_what_nobody_wants_leaves_no_file(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_nor_where_its_recording_had_ended_before(tmp_path: Path) -> None:
+    may_go_on = [True]
+    recorder = Recorder(tmp_path, Name(3, 1, 1), {}, may_go_on=lambda: may_go_on[0]).open()
+    may_go_on[0] = False
+    recorder.write("/cctv", cctv(1))
+    wait_until(lambda: not recorder.recording)
+    assert recorder.lost
+    recorder.close(discard=True)
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_oldest_go_first_and_then_recording_stops(tmp_path: Path) -> None:
     free = [ROOMY]
     old = [recording(tmp_path, 2, survey=number) for number in (1, 2, 3)]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from device.errors import Invalid
 from device.recorder.developing import DevelopingTap
-from device.recorder.samples import Picture
+from device.recorder.samples import Picture, picture
 from device.replay_compare import differences, plain_json
 from device.replay_drive import Again, DriveReplay, SaidThen
 from device.surveys.take import Take
@@ -52,6 +52,13 @@ def test_estimates_count_in_the_order_of_their_frames_however_they_come() -> Non
         outcomes.append(([one.diameter for one in take.estimates], take.failed, take.kept[0].number))
     assert outcomes == [outcomes[0]] * 120
     assert outcomes[0][:2] == ([pytest.approx(one) for one in diameters], 1)
+
+
+def test_a_picture_that_may_lose_nothing_loses_nothing() -> None:
+    kept = picture(frame(1), lossless=True)
+    assert kept.format == "png"
+    assert np.array_equal(kept.frame().image, frame(1).image)
+    assert picture(frame(1)).format == "jpeg"
 
 
 def test_a_survey_reads_pictures_as_they_are_recorded() -> None:
