@@ -150,3 +150,29 @@ def test_a_device_that_closes_ends_its_streams(port: int, device: FakeDevice) ->
 
 def test_an_event_is_one_line_of_json() -> None:
     assert events.frame("live", {"a": "x\ny", "b": float("nan")}) == b'event: live\ndata: {"a":"x\\ny","b":null}\n\n'
+
+
+def test_a_stream_ends_with_its_session(port: int, device: FakeDevice) -> None:
+    listener, other = Listener(port), pair(port)
+    listener.names(0.1)
+    for row in device.access.devices():
+        if row["id"] != device.access.session(other.cookie).id:  # type: ignore[union-attr]  # it has just paired
+            device.access.end(row["id"])
+    assert listener.ended()
+    refused = Listener(port)
+    assert refused.response.status == 401
+
+
+def test_an_event_tells_when_it_was_told(device: FakeDevice) -> None:
+    bus = Bus()
+    device.subscribe = bus.subscribe  # type: ignore[method-assign]  # to publish by hand
+    stream = events.Stream(device, lambda: False)  # type: ignore[arg-type]  # a fake with the facade's methods
+    chunks = iter(stream)
+    for _ in range(5):
+        next(chunks)
+    before = time.monotonic_ns()
+    bus.publish("live", {"a": 1})
+    head, rest = next(chunks).split(b"\n", 1)
+    assert before <= int(head.removeprefix(b"id: ")) <= time.monotonic_ns()
+    assert rest == b'event: live\ndata: {"a":1}\n\n'
+    stream.close()
