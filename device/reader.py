@@ -29,7 +29,7 @@ class FeedTiming:
 
     read_s: float = 1.0
     """What the driver is given for one sample."""
-    stale_s: float = 1.25
+    stale_s: float = 1.0
     """A good sample older than this makes the source "degraded"."""
     read_limit_s: float = 6.0
     """A read that takes longer is stuck."""

@@ -119,7 +119,7 @@ def _no_signal(frame: VideoFrame) -> bool:
     return bool(np.all(thinned.max(axis=0).astype(int) - thinned.min(axis=0) <= _EVEN))
 
 
-_GARBLED_STEP = 50.0
+_GARBLED_STEP = 40.0
 """Mean difference of neighbouring pixels, in grey levels: at most 24 in 705 real pictures, 85 in random bytes."""
 
 

@@ -73,7 +73,7 @@ class VirtualGrabber(FrameGrabber):
             time.sleep(STALL_S)
             taken = time.monotonic_ns()
         image = _spoilt(self._footage, t, number, active, self._frozen)
-        if self._lamp is not None and image is not self._frozen:
+        if self._lamp is not None and image is not self._frozen and "garbage" not in active:
             image = self._lamp.light(image)
         self._frozen = image if "freeze" in active else None
         self._number = number
