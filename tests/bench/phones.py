@@ -31,7 +31,10 @@ import psutil
 from tests.bench.daemon import running
 from tests.bench.real_data import fail
 from tests.bench.table import print_table
+from tests.browser.fake_device import FakeDevice
+from tests.browser.serving import served
 from tests.pairing import Pass, ask, pair
+from web_ui.app import create_app
 
 PHONES = 8
 PICTURES_HZ = 5.0
@@ -121,6 +124,19 @@ def _phones(told: Connection, port: int, passes: list[Pass], event: str, picture
 # --- The survey ---
 
 
+class _Count:
+    """Frames over several surveys, each of which counts from 0."""
+
+    def __init__(self) -> None:
+        self._of: dict[int, int] = {}
+
+    def so_far(self, survey: int | None, frames: int) -> int:
+        """All frames, with what this survey has counted by now (None: none is under way)."""
+        if survey is not None:
+            self._of[survey] = max(self._of.get(survey, 0), frames)
+        return sum(self._of.values())
+
+
 class DriveSurvey:
     """A drive through the virtual sewer, begun anew when it ends."""
 
@@ -128,25 +144,19 @@ class DriveSurvey:
 
     def __init__(self, port: int, paired: Pass) -> None:
         self._port, self._paired = port, paired
-        self._before = self._last = 0
+        self._count = _Count()
 
     def run(self, stop: threading.Event) -> None:
-        """Keep a drive going."""
+        """Keep a drive going; at its end the crawler stands, and the pictures go on."""
         while not stop.is_set():
-            drive = ask(self._port, self._paired, "GET", "/api/v1/drive")[1]
-            if drive["state"] == "idle":
-                self._before += self._last
-                self._last = 0
+            if ask(self._port, self._paired, "GET", "/api/v1/drive")[1]["state"] == "idle":
                 ask(self._port, self._paired, "POST", "/api/v1/drive", {})
-            elif drive["seconds"] > 100:
-                ask(self._port, self._paired, "POST", "/api/v1/drive/cancel", {})
             stop.wait(0.5)
 
     def frames(self) -> int:
         """Pictures that went through the survey so far."""
         drive = ask(self._port, self._paired, "GET", "/api/v1/drive")[1]
-        self._last = max(self._last, drive["frames"]) if drive["state"] != "idle" else self._last
-        return self._before + self._last
+        return self._count.so_far(drive["survey_id"], drive["frames"])
 
 
 class DiameterSurvey:
@@ -156,25 +166,62 @@ class DiameterSurvey:
 
     def __init__(self, port: int, paired: Pass) -> None:
         self._port, self._paired = port, paired
-        self._before = self._last = 0
+        self._count = _Count()
 
     def run(self, stop: threading.Event) -> None:
         """Keep a measurement going."""
         while not stop.is_set():
             if ask(self._port, self._paired, "GET", "/api/v1/status")[1]["survey"]["state"] == "idle":
-                self._before += self._last
-                self._last = 0
                 ask(self._port, self._paired, "POST", "/api/v1/measure", {"frames": 100})
             stop.wait(0.05)
 
     def frames(self) -> int:
         """Frames measured so far."""
         survey = ask(self._port, self._paired, "GET", "/api/v1/status")[1]["survey"]
-        self._last = max(self._last, survey["frames_done"])
-        return self._before + self._last
+        return self._count.so_far(survey["survey_id"], survey["frames_done"])
 
 
 SURVEYS: dict[str, Any] = {"drive": DriveSurvey, "diameter": DiameterSurvey}
+
+
+# --- What serving costs ---
+
+
+def _fake_box(told: Connection) -> None:
+    """A process that serves the pages of a fake device, whose pictures and events cost nothing: what is left is serving."""
+    device = FakeDevice()
+    with served(create_app(device)) as port:  # type: ignore[arg-type]  # a fake with the facade's methods
+        told.send(port)
+        told.recv()
+        device.close()
+
+
+def serving(seconds: float) -> tuple[float, float, list[Phone]]:
+    """Processor time a second of a server without and with phones, measured where nothing else runs in its process."""
+    spawn = multiprocessing.get_context("spawn")
+    ours, theirs = spawn.Pipe()
+    box = spawn.Process(target=_fake_box, args=(theirs,), daemon=True)
+    box.start()
+    port = ours.recv()
+    passes = [pair(port, name=f"Phone {k}") for k in range(PHONES)]
+    to_phones, from_us = spawn.Pipe()
+    phones = spawn.Process(target=_phones, args=(from_us, port, passes, "live", "/api/v1/picture/depth.jpg"), daemon=True)
+    phones.start()
+    process = psutil.Process(box.pid)
+    costs = []
+    for with_phones in (False, True):
+        if with_phones:
+            to_phones.send(seconds + 2)
+            time.sleep(1.0)
+        begun, cpu = time.monotonic(), _cpu_s(process)
+        time.sleep(seconds)
+        costs.append((_cpu_s(process) - cpu) / (time.monotonic() - begun))
+    got = to_phones.recv()
+    to_phones.send(None)
+    ours.send(None)
+    phones.join(10)
+    box.join(10)
+    return costs[0], costs[1], got
 
 
 # --- Rounds ---
@@ -300,6 +347,12 @@ def main() -> None:
     ):
         alone, together = rounds(port, process.pid, chosen.survey, chosen.rounds, chosen.seconds)
     _report(alone, together, chosen.seconds)
+    before, after, got = serving(chosen.seconds)
+    pictures = sum(len(phone.pictures) for phone in got)
+    print(
+        f"  Serving alone (no survey, no camera in that process): {after - before:.3f} cores for {PHONES} phones, which got"
+        f" {pictures / (chosen.seconds + 2):.0f} pictures a second"
+    )
     sys.exit(0)
 
 
