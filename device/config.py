@@ -121,7 +121,7 @@ class RecordingSettings(BaseModel):
     """Below this, with none left to remove, recording ends: the rest is for findings."""
     most_mb: int | None = Field(None, gt=0)
     """All recordings together; as much as fits where it is not given."""
-    part_mb: int = Field(256, ge=1)
+    part_mb: int = Field(128, ge=1)
     """A long recording is split into files of this size."""
 
     @model_validator(mode="after")

@@ -33,7 +33,7 @@ MOST_WAITING = 64 * MB
 """Pictures waiting for the disk, in bytes of memory; a card that halts for a second or two costs none."""
 MOST_NOTES = 20_000
 """Readings and notes waiting: they are small, and a replay needs them all."""
-PART_BYTES = 256 * MB
+PART_BYTES = 128 * MB
 """A long recording is many files: what is pruned is a part of it, and a damaged one is recovered in seconds."""
 
 State = Literal["recording", "off", "stopped", "finished"]
