@@ -46,11 +46,11 @@ class DiameterSurvey(Survey):
         self._live = live
 
     def _measure(self, job: Job) -> Outcome:
-        self._live.pause(True)
         recorder = self._shelf.begin(job.survey_id, self._head(job))
         followers = [feed.follow(partial(recorder.write, topic_name("camera", feed.name))) for feed in self._feeds]
         recordings = [Recording(feed, self._pool, job.frames, self._live.add, recorder.write) for feed in self._feeds]
         wanted = True
+        self._live.pause(True)
         try:
             self._progress(job, "measuring", 0)
             self._collect(job, recordings)
