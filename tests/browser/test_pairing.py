@@ -8,6 +8,7 @@ from playwright.sync_api import Browser, Page, expect
 from device.access import control
 from tests.browser.conftest import SIZES, Watched
 from tests.browser.fake_device import FakeDevice
+from tests.browser.test_accessibility import CONTRAST_OF, NAMED, NAMELESS, SMALL_TARGETS
 from tests.pairing import PIN
 
 REFUSALS = ("401", "403", "409", "429")
@@ -31,6 +32,15 @@ def stranger(chromium: Browser, root: str) -> Iterator[Callable[..., Page]]:
         watched.page.context.close()
         assert watched.foreign == [], "a request left the box"
         assert [text for text in watched.complaints if not any(status in text for status in REFUSALS)] == []
+
+
+def assert_readable(page: Page) -> None:
+    """At 360 px: nothing to scroll sideways, contrast, targets for gloves, names for screen readers."""
+    page.set_viewport_size({"width": 360, "height": 740})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    assert page.evaluate(CONTRAST_OF) == []
+    assert page.evaluate(SMALL_TARGETS) == []
+    assert page.evaluate(NAMELESS, NAMED) == []
 
 
 def pair(page: Page, pin: str = PIN) -> None:
@@ -65,6 +75,7 @@ def test_wrong_pins_are_told_with_the_time_to_wait(stranger: Callable[..., Page]
     expect(button).to_contain_text("wait")
     expect(button).to_be_enabled()  # by itself, when the time is over
     expect(failed).to_contain_text("You may try again now")
+    assert_readable(page)
     page.get_by_label("PIN").fill("12 3x4")
     expect(page.get_by_label("PIN")).to_have_value("1234")
     page.get_by_label("PIN").fill("")
@@ -82,6 +93,7 @@ def test_control_is_asked_for_handed_over_and_taken_back(
         expect(page.locator("#level-text")).to_have_text("Ready")
     expect(first.locator("#control")).to_be_hidden()
     expect(second.locator("#control")).to_contain_text("controls the box; this device watches")
+    assert_readable(second)
     second.click("#start")
     expect(second.locator(".failed:visible").first).to_contain_text("ask for the control first")
     assert not any(name == "measure" for name, _ in device.calls)
@@ -111,6 +123,7 @@ def test_who_is_sent_away_sees_the_pairing_page(stranger: Callable[..., Page], r
         expect(page.locator("#level-text")).to_have_text("Ready")
     first.goto(f"{root}/pair")
     expect(first.locator("#paired li")).to_have_count(2)
+    assert_readable(first)
     first.get_by_role("button", name="away").click()
     expect(first.locator("#paired li")).to_have_count(1)
     expect(second.get_by_role("heading", name="Pair with this box")).to_be_visible(timeout=15_000)
