@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import click
@@ -13,6 +14,7 @@ import numpy as np
 from device.errors import Invalid
 from device.json_text import dumps
 from device.map_command import progress
+from estimators.structure.types import PIPE_RADIUS
 
 PAPER = "paper"
 
@@ -28,6 +30,7 @@ PAPER = "paper"
 @click.option("--scans", type=click.Path(path_type=Path), help="A folder of PLY or PCD files named by their time (s).")
 @click.option("--navigation", type=click.Path(path_type=Path), help="With --scans: the log of DVL, pressure and AHRS (CSV).")
 @click.option("--first", type=click.IntRange(1), help="Only the first so many scans.")
+@click.option("--pipe-radius", type=float, help="Outer radius of the pipes (m): a virtual structure's own, or 0.0315.")
 @click.option("--upright", is_flag=True, help="Pipes are horizontal or vertical: what is neither is left out.")
 @click.option("--export", "exported", type=click.Path(path_type=Path), multiple=True, help="Save the map (.json, .ply, .glb).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of tables.")
@@ -37,6 +40,7 @@ def structure(
     scans: Path | None,
     navigation: Path | None,
     first: int | None,
+    pipe_radius: float | None,
     upright: bool,
     exported: tuple[Path, ...],
     as_json: bool,
@@ -46,6 +50,8 @@ def structure(
         raise Invalid("Say what to map: --virtual [FILE], or --scans DIR with --navigation LOG.")
     if scans is not None and navigation is None:
         raise Invalid("The option --scans needs --navigation: the log of DVL, pressure and AHRS.")
+    if pipe_radius is not None and not 0.01 <= pipe_radius <= 0.064:
+        raise Invalid(f"The option --pipe-radius takes 0.01 to 0.064 m, not {pipe_radius:g}.")
     if navigation is not None and scans is None:
         raise Invalid("The option --navigation goes with --scans.")
     from device.structure_export import check_export, export_map  # what --help does without
@@ -54,11 +60,11 @@ def structure(
         check_export(path)
     begun = time.monotonic()
     if virtual is not None:
-        told, found = _virtual(None if virtual == PAPER else Path(virtual), seed, first, upright)
+        told, found = _virtual(None if virtual == PAPER else Path(virtual), seed, first, upright, pipe_radius)
     else:
         assert scans is not None
         assert navigation is not None
-        told, found = _recorded(scans, navigation, first, upright)
+        told, found = _recorded(scans, navigation, first, upright, pipe_radius)
     told["seconds"] = round(time.monotonic() - begun, 3)
     for path in exported:
         export_map(found, path)
@@ -71,7 +77,9 @@ def structure(
     return 0
 
 
-def _virtual(file: Path | None, seed: int, first: int | None, upright: bool) -> tuple[dict[str, Any], Any]:
+def _virtual(
+    file: Path | None, seed: int, first: int | None, upright: bool, radius: float | None
+) -> tuple[dict[str, Any], Any]:
     from device.structure_database import shipped_knowledge
     from device.structure_json import map_json, truth_json
     from device.structure_run import VirtualChamber, run_events
@@ -79,7 +87,9 @@ def _virtual(file: Path | None, seed: int, first: int | None, upright: bool) -> 
     from drivers.virtual.chamber.structure import load_structure
 
     chamber = VirtualChamber(load_structure(file), seed)
-    mapper = chamber.mapper(shipped_knowledge(), _settings(upright))
+    # what the paper knows beforehand as well: how thick the pipes are
+    known = radius or median(pipe.radius for pipe in chamber.structure.runs)
+    mapper = chamber.mapper(shipped_knowledge(), _settings(upright, known))
     total = len(chamber.scanner.times()[:first])
     with progress("Mapping", total) as bar:
         run = run_events(mapper, chamber.events(first), lambda _: bar.update(1))
@@ -88,13 +98,13 @@ def _virtual(file: Path | None, seed: int, first: int | None, upright: bool) -> 
     found = mapper.result()
     return {
         **map_json(found),
-        **_of_run(run),
+        **_of_run(run, found),
         "truth": truth_json(chamber.structure),
         "scores": scores(run, found, chamber),
     }, found
 
 
-def _recorded(folder: Path, log: Path, first: int | None, upright: bool) -> tuple[dict[str, Any], Any]:
+def _recorded(folder: Path, log: Path, first: int | None, upright: bool, radius: float | None) -> tuple[dict[str, Any], Any]:
     from device.structure_database import shipped_knowledge
     from device.structure_json import map_json
     from device.structure_run import recorded_mapper, run_events
@@ -102,28 +112,36 @@ def _recorded(folder: Path, log: Path, first: int | None, upright: bool) -> tupl
 
     header, readings = read_log(log)
     files = scan_files(folder)[:first]
-    mapper = recorded_mapper(header, readings, shipped_knowledge(), _settings(upright))
+    mapper = recorded_mapper(header, readings, shipped_knowledge(), _settings(upright, radius or PIPE_RADIUS))
     with progress("Mapping", len(files)) as bar:
         run = run_events(mapper, merged_events(readings, files), lambda _: bar.update(1))
     if not run.results:
         raise Invalid(f"No scan in {folder} lies within the time of {log}.")
     found = mapper.result()
-    return {**map_json(found), **_of_run(run)}, found
+    return {**map_json(found), **_of_run(run, found)}, found
 
 
-def _settings(upright: bool) -> Any:
+def _settings(upright: bool, radius: float) -> Any:
+    from estimators.structure.apart import for_radius
     from estimators.structure.mapper import MapperSettings
     from estimators.structure.slam import SlamSettings
 
-    return MapperSettings(slam=SlamSettings(upright=upright))
+    return MapperSettings(apart=for_radius(radius), slam=SlamSettings(upright=upright))
 
 
-def _of_run(run: Any) -> dict[str, Any]:
+def _of_run(run: Any, found: Any) -> dict[str, Any]:
+    from device.structure_json import suggestion_json
+    from estimators.structure.next_view import next_view
+
     mapper = run.mapper
+    depths = [float(state[2]) for state in run.track.states]
+    seen = {number: record.seen_from for number, record in mapper.objects.items()}
+    suggestion = next_view(found.objects, seen, mapper.knowledge.views, min(depths), max(depths))
     return {
         "scans": mapper.scans,
         "seconds_per_scan": round(float(np.mean(run.seconds)), 4),
         "consistent": not mapper.lost and mapper.inconsistent < 0.2 * max(mapper.scans, 1),
+        "next_view": None if suggestion is None else suggestion_json(suggestion),
         "inconsistent_scans": mapper.inconsistent,
         "refused_readings": mapper.refused,
         "track": [

@@ -65,7 +65,7 @@ def states(label: str) -> tuple[bool, ...]:
 
 def views(settings: DescriptorSettings | None = None) -> Views:
     """The data base, computed: twelve views of each object, of valves open and closed."""
-    histograms, labels = [], []
+    histograms, labels, directions = [], [], []
     for number, label in enumerate(CLASSES):
         for is_open in states(label):
             for direction in view_directions():
@@ -73,7 +73,8 @@ def views(settings: DescriptorSettings | None = None) -> Views:
                 if found is not None:
                     histograms.append(found)
                     labels += [number] * len(found)
-    return Views(np.concatenate(histograms), np.array(labels))
+                    directions += [direction] * len(found)
+    return Views(np.concatenate(histograms), np.array(labels), np.array(directions))
 
 
 def confusions(base: Views, noise_m: float, count: int, rng: np.random.Generator, together: int = 6) -> tuple[Array, Array]:
@@ -114,6 +115,7 @@ def save_knowledge(knowledge: Knowledge, path: Path) -> None:
         path,
         histograms=knowledge.views.histograms.astype(np.float32),
         labels=knowledge.views.labels.astype(np.int8),
+        directions=knowledge.views.directions,
         confusion=knowledge.confusion,
         fused_confusion=knowledge.fused_confusion,
     )
@@ -123,5 +125,5 @@ def save_knowledge(knowledge: Knowledge, path: Path) -> None:
 def shipped_knowledge() -> Knowledge:
     """What comes with the box; ``python -m tests.bench.structure_recognition --fit`` makes it anew."""
     with resources.files("device").joinpath("data/structure/knowledge.npz").open("rb") as file, np.load(file) as saved:
-        base = Views(saved["histograms"].astype(float), saved["labels"].astype(np.intp))
+        base = Views(saved["histograms"].astype(float), saved["labels"].astype(np.intp), saved["directions"])
         return Knowledge(base, saved["confusion"], saved["fused_confusion"])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.virtual.chamber.structure import Structure
 from estimators.structure.graph import MapObject, MapPipe, StructureMap
+from estimators.structure.next_view import Suggestion
 from estimators.structure.types import CLASSES
 
 Array = NDArray[np.float64]
@@ -67,6 +68,18 @@ def map_json(found: StructureMap) -> dict[str, Any]:
             }
             for edge in found.edges
         ],
+    }
+
+
+def suggestion_json(suggestion: Suggestion) -> dict[str, Any]:
+    """Where to look next, with the sentence of the prompt."""
+    numbers = ", ".join(str(number) for number in suggestion.objects)
+    north, east, down = (f"{metres:.1f} m" for metres in suggestion.position)
+    return {
+        "position": _rounded(suggestion.position),
+        "target": _rounded(suggestion.target),
+        "objects": list(suggestion.objects),
+        "prompt": f"Look from {north} north, {east} east, {down} deep: it would tell what object {numbers} is.",
     }
 
 

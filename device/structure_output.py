@@ -22,6 +22,8 @@ def print_structure(told: dict[str, Any]) -> None:
         state = {True: ", open", False: ", closed", None: ""}[thing["open"]]
         where = " ".join(f"{x:7.3f}" for x in thing["position"])
         click.echo(f"  object {thing['number']:3d}  {where}  {thing['class']} ({thing['belief']:.2f}){state}, on pipes {pipes}")
+    if told["next_view"] is not None:
+        click.echo(f"  {told['next_view']['prompt']}")
     if "scores" in told:
         scores = told["scores"]
         for stage, score in scores["recognition"].items():

@@ -27,6 +27,11 @@ class ApartSettings:
     objects: ObjectSettings = field(default_factory=ObjectSettings)
 
 
+def for_radius(radius: float) -> ApartSettings:
+    """The settings for pipes of another known radius (m)."""
+    return ApartSettings(pipes=PipeSettings(radius=radius), objects=ObjectSettings(radius=radius))
+
+
 def undistorted(points: Array, late: Array | None, velocity: Array, rate: Array) -> Array:
     """Points (N, 3), each seen ``late`` (N,) seconds after the scan's time, as they would look from where the sensor was then.
 

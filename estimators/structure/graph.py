@@ -96,9 +96,13 @@ def leaving(slam: StructureFilter, coverage: Mapping[int, Coverage], position: A
 
 
 def final_map(
-    slam: StructureFilter, coverage: Mapping[int, Coverage], records: Mapping[int, ObjectRecord], scans: int
+    slam: StructureFilter,
+    coverage: Mapping[int, Coverage],
+    records: Mapping[int, ObjectRecord],
+    scans: int,
+    radius: float = PIPE_RADIUS,
 ) -> StructureMap:
-    """What has been seen often enough to be there."""
+    """What has been seen often enough to be there. ``radius`` is that of all pipes."""
     least = min(5, max(2, scans // 25))
     lines = [f for f in slam.features.values() if f.line is not None and f.number in coverage and f.sightings >= least]
     lines = [f for f in lines if np.ptp(coverage[f.number].ends()) >= LEAST_LENGTH]
@@ -131,7 +135,7 @@ def final_map(
                 feature.number,
                 point + start * direction,
                 point + end * direction,
-                PIPE_RADIUS,
+                radius,
                 slam.covariance[part, part].copy(),
                 feature.sightings,
             )

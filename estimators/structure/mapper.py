@@ -147,7 +147,7 @@ class StructureMapper:
 
     def result(self) -> StructureMap:
         """The map as it stands."""
-        return final_map(self.slam, self.coverage, self.objects, self.scans)
+        return final_map(self.slam, self.coverage, self.objects, self.scans, self.settings.apart.pipes.radius)
 
     def _still(self, points: Array, late: Array | None) -> Array:
         mount, vehicle = self.slam.mount, self.slam.vehicle

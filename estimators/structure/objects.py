@@ -19,6 +19,7 @@ class ObjectSettings:
     mushroom's cap.
     """
 
+    radius: float = PIPE_RADIUS
     meet: float = 0.045
     reach: float = 0.14
     slice: float = 0.015
@@ -127,8 +128,8 @@ def _thickenings(
     near = (distance < settings.body_radius) & (along > -0.25) & (along < segment.length + 0.25)
     for other in segments:
         if other is not segment:
-            near &= _distance_to(other, points) > PIPE_RADIUS + 0.02
-    along, excess = along[near], distance[near] - PIPE_RADIUS
+            near &= _distance_to(other, points) > settings.radius + 0.02
+    along, excess = along[near], distance[near] - settings.radius
     count = int(np.ceil((segment.length + 0.5) / settings.slice))
     slot = np.clip(((along + 0.25) / settings.slice).astype(int), 0, count - 1)
     number = np.bincount(slot, minlength=count)
@@ -201,7 +202,7 @@ def _cut_out(raw: Array, place: _Place, segments: list[Segment], settings: Objec
             base |= (out > 0) & (out < settings.base_length) & (side < settings.base_radius)
     high = (distance > settings.cap_heights[0]) & (distance < settings.cap_heights[1]) & (np.abs(along) < settings.cap_length)
     for segment in segments:
-        high &= _distance_to(segment, raw) > PIPE_RADIUS + 0.02
+        high &= _distance_to(segment, raw) > settings.radius + 0.02
     cap = np.zeros(len(raw), dtype=bool)
     if high.sum() >= 8:
         # the side of the handle: the direction about the axis that most of what stands out lies in

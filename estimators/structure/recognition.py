@@ -28,10 +28,11 @@ class DescriptorSettings:
 @dataclass(frozen=True)
 class Views:
     """The data base: ``histograms`` (n, 308), each summing to 1 in each of its five blocks, and the class number of each
-    (n,)."""
+    (n,), and the direction (n, 3) in the object's own frame that it was seen from."""
 
     histograms: Array
     labels: NDArray[np.intp]
+    directions: Array
 
 
 def describe(cloud: Array, settings: DescriptorSettings | None = None) -> Array | None:

@@ -42,6 +42,9 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("deliverables", (), ()),
     ("batch", (), ("--recordings", "10", "--scaling", "4")),
     ("replay", (), ("--rounds", "1", "--seconds", "10", "--surveys", "1", "--damages", "20")),
+    ("structure_recognition", ("--seeds", "3"), ("--seeds", "1", "--rate", "0.02")),
+    ("structure_cvfh", (), ("--clouds", "10")),
+    ("structure_cost", (), ("--scans", "3")),
 )
 """Name, arguments of the whole run, arguments of a quick one."""
 

@@ -43,7 +43,7 @@ class PclCylinder:
 
     def __init__(self, normal_weights: Sequence[float]) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="borescout-pcl-")
-        program = _build(Path(self._folder.name))
+        program = build(Path(self._folder.name), _SOURCE, _PACKAGES)
         self._points = Path(self._folder.name) / "cloud.f32"
         self._process = subprocess.Popen(
             [program, *map(str, normal_weights)],
@@ -93,15 +93,16 @@ class PclCylinder:
         self._folder.cleanup()
 
 
-def _build(folder: Path) -> Path:
+def build(folder: Path, source: Path, packages: Sequence[str]) -> Path:
+    """Compile ``source`` against PCL's ``packages`` into ``folder``. Ends the program with one sentence where it cannot be."""
     for tool in ("g++", "pkg-config"):
         if shutil.which(tool) is None:
             fail(f"The PCL benchmark needs {tool}: apt-get install g++ pkg-config libpcl-dev")
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", *_PACKAGES], capture_output=True, text=True)
+    flags = subprocess.run(["pkg-config", "--cflags", "--libs", *packages], capture_output=True, text=True)
     if flags.returncode != 0:
         fail("PCL is not installed: apt-get install libpcl-dev")
-    program = folder / "pcl_cylinder"
-    command = ["g++", "-std=c++17", "-O3", "-DNDEBUG", str(_SOURCE), "-o", str(program), *flags.stdout.split()]
+    program = folder / source.stem
+    command = ["g++", "-std=c++17", "-O3", "-DNDEBUG", str(source), "-o", str(program), *flags.stdout.split()]
     compiled = subprocess.run(command, capture_output=True, text=True)
     if compiled.returncode != 0:
         fail(f"The PCL program did not compile: {compiled.stderr.strip().splitlines()[-1]}")

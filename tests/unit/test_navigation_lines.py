@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.navigation.ahrs import euler_rates, mtdata2_message, parse_mtdata2, parse_vnymr
@@ -22,6 +22,7 @@ def test_the_crc_is_that_of_the_polynomial_07() -> None:
     assert crc8(b"") == 0
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.tuples(small, small, small), st.booleans(), st.floats(0.003, 0.5))
 def test_a_velocity_comes_back(velocity: tuple[float, float, float], valid: bool, sigma: float) -> None:
     reading = parse_wrz(wrz_line(velocity, valid, sigma, 7).strip(), 2.0)
@@ -32,6 +33,7 @@ def test_a_velocity_comes_back(velocity: tuple[float, float, float], valid: bool
     assert reading.time_s == 2.0
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 60), st.integers(1, 255))
 def test_one_wrong_byte_is_no_velocity(place: int, change: int) -> None:
     line = bytearray(wrz_line((0.1, -0.2, 0.3), True, 0.01, 7).strip())
@@ -74,6 +76,7 @@ def test_turning_about_the_bodys_axes_at_a_roll_of_90_degrees() -> None:
     assert euler_rates((math.pi / 2, 0.0, 0.0), (0.0, 0.2, 0.0)) == pytest.approx((0.0, 0.0, 0.2))
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.tuples(st.floats(-3, 3), st.floats(-1.2, 1.2), st.floats(-3, 3)), st.tuples(small, small, small))
 def test_an_attitude_comes_back_from_the_binary_message(
     angles: tuple[float, float, float], turn: tuple[float, float, float]

@@ -21,7 +21,7 @@ SIZES_M = {
     "butterfly valve": (0.2875, 0.121, 0.243),
     "3-way valve": (0.240, 0.172, 0.160),
 }
-"""Extents along x, y and z: a ball valve closed, which is wider, and a butterfly valve open, which is longer."""
+"""Extents along x, y and z: ball and 3-way valves closed, butterfly valves open."""
 WITH_HANDLE = ("ball valve", "butterfly valve", "3-way valve")
 PORTS: dict[str, tuple[tuple[float, float, float], ...]] = {
     "ball valve": ((1, 0, 0), (-1, 0, 0)),

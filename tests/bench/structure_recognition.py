@@ -1,0 +1,162 @@
+"""Figures 1 and 2: classes by descriptor, Bayes, semantics and fused scans (Tables 3 and 4); map, edges, position, consistency.
+
+    python -m tests.bench.structure_recognition                       the paper's structure, seeds 1 to 10, all 245 scans
+    python -m tests.bench.structure_recognition --seeds 3 --rate 0.1  fewer seeds, a scan every 10 s on the same way
+    python -m tests.bench.structure_recognition --variations          ten other structures (seeds 1 to 10)
+    python -m tests.bench.structure_recognition --plot OUT.png        uncertainty volumes as in Figs. 11 and 12
+
+Accuracy and F1 are counted over sightings, as in the paper; each with what was believed at that scan.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from device.structure_database import shipped_knowledge
+from device.structure_run import Run, VirtualChamber, run_events
+from device.structure_scores import accuracy, confusion_tables, errors, f1_scores, matching, mean_f1, scores
+from drivers.virtual.chamber.structure import Structure, load_structure, structure_of
+from drivers.virtual.chamber.variations import varied
+from estimators.structure.types import CLASSES
+from tests.bench.table import print_table
+
+STAGES = {
+    "descriptor": "descriptor",
+    "bayes": "with Bayes",
+    "semantic": "with semantics",
+    "fused descriptor": "descriptor, fused scans",
+    "fused": "all, fused scans",
+}
+
+Volumes = dict[int, list[tuple[float, float]]]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--rate", type=float, help="scans a second; the structure's own if not given")
+    parser.add_argument("--noise", type=float, help="range noise (m); the structure's own if not given")
+    parser.add_argument("--variations", action="store_true", help="another structure for each seed")
+    parser.add_argument("--plot", type=Path, help="save the uncertainty volumes of the last run")
+    arguments = parser.parse_args()
+    rows: list[list[object]] = []
+    tables = {stage: np.zeros((len(CLASSES), len(CLASSES)), dtype=np.int64) for stage in STAGES}
+    nees: list[NDArray[np.float64]] = []
+    for seed in range(1, arguments.seeds + 1):
+        structure = adjusted(varied(seed) if arguments.variations else load_structure(), arguments.rate, arguments.noise)
+        run, told, chamber, volumes = one_run(structure, seed)
+        found = run.mapper.result()
+        for stage, table in confusion_tables(run, matching(found, structure), structure).items():
+            tables[stage] += table
+        nees.append(errors(run, chamber)["nees"])
+        rows.append(map_row(seed, told, run))
+        print_table(f"Map after seed {seed}", MAP_HEADER, rows)
+        if arguments.plot is not None:
+            plot_volumes(arguments.plot, run, volumes)
+    recognition(tables)
+    every = np.concatenate(nees)
+    inside = (every < chi2.ppf(0.95, 3)).mean()
+    print(f"\nNEES of position, mean {every.mean():.2f} (3 expected); within its 95 % bound {inside:.1%}")
+
+
+def adjusted(structure: Structure, rate: float | None, noise: float | None) -> Structure:
+    """The structure with another scanner."""
+    description = structure.description
+    changes = {name: value for name, value in (("rate_hz", rate), ("noise_m", noise)) if value is not None}
+    scanner = description.scanner.model_copy(update=changes)
+    return structure_of(description.model_copy(update={"scanner": scanner}))
+
+
+def one_run(
+    structure: Structure, seed: int
+) -> tuple[Run, dict[str, Any], VirtualChamber, dict[int, list[tuple[float, float]]]]:
+    """A whole way around: run, scores, chamber, and for each feature its volume (Sec. 5.2) after each scan."""
+    chamber = VirtualChamber(structure, seed)
+    volumes: Volumes = {}
+
+    def note(run: Run) -> None:
+        for number in run.mapper.slam.features:
+            volumes.setdefault(number, []).append((run.track.times[-1], run.mapper.slam.volume(number)))
+
+    run = run_events(chamber.mapper(shipped_knowledge()), chamber.events(), note)
+    return run, scores(run, run.mapper.result(), chamber), chamber, volumes
+
+
+MAP_HEADER = (
+    "seed",
+    "pipes",
+    "false",
+    "objects",
+    "false",
+    "edge F1",
+    "RMS (m)",
+    "dead reck. (m)",
+    "ratio",
+    "NEES",
+    "inconsistent",
+    "s a scan (CPU)",
+)
+
+
+def map_row(seed: int, told: dict[str, Any], run: Run) -> list[object]:
+    """One line of the table of maps."""
+    return [
+        seed,
+        f"{told['pipes_found']} of {told['pipes_true']}",
+        told["pipes_false"],
+        f"{told['objects_found']} of {told['objects_true']}",
+        told["objects_false"],
+        f"{told['edge_f1']:.3f}",
+        f"{told['position_rms_m']:.4f}",
+        f"{told['dead_reckoning_rms_m']:.3f}",
+        f"{told['dead_reckoning_rms_m'] / told['position_rms_m']:.1f}",
+        f"{told['nees_mean']:.2f}",
+        run.mapper.inconsistent,
+        f"{np.mean(run.seconds):.2f}",
+    ]
+
+
+def recognition(tables: dict[str, NDArray[np.int64]]) -> None:
+    """Tables 3 and 4."""
+    rows: list[list[object]] = []
+    for stage, title in STAGES.items():
+        table = tables[stage]
+        rows.append(
+            [title, f"{accuracy(table):.3f}", f"{mean_f1(table):.3f}", *(f"{f1:.2f}" for f1 in f1_scores(table)), table.sum()]
+        )
+    print_table("Recognition over sightings (Table 4)", ["stage", "accuracy", "mean F1", *CLASSES, "sightings"], rows)
+    for stage, title in STAGES.items():
+        shares = tables[stage] / np.maximum(tables[stage].sum(axis=1, keepdims=True), 1)
+        print_table(
+            f"Confusion (%), {title} (Table 3; rows: actual)",
+            ["", *CLASSES],
+            [[label, *(f"{100 * share:.0f}" for share in shares[k])] for k, label in enumerate(CLASSES)],
+        )
+
+
+def plot_volumes(path: Path, run: Run, volumes: Volumes) -> None:
+    """Figs. 11 and 12."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, both = plt.subplots(1, 2, figsize=(12, 4), sharex=True)
+    found = run.mapper.result()
+    numbers = ([pipe.number for pipe in found.pipes], [thing.number for thing in found.objects])
+    for axes, title, ours in zip(both, ("pipes", "objects"), numbers, strict=True):
+        for number in ours:
+            axes.plot(*np.array(volumes[number]).T, lw=1)
+        axes.set(title=f"Uncertainty volumes of {title}", xlabel="time (s)", ylabel="sum of log eigenvalues")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

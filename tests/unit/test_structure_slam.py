@@ -1,0 +1,214 @@
+"""The filter: Jacobians against differences, lines and points from anywhere, association, consistency, a map that grows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from estimators.structure.features import new_line, new_point, observe_line, observe_point
+from estimators.structure.jcbb import Candidate, associate, gate
+from estimators.structure.slam import SlamSettings, StructureFilter
+from estimators.structure.types import Array, Segment, Sighting
+from estimators.structure.vehicle import SensorMount, advanced, body_rates, rotation_of, rotation_turns, sensor_pose
+
+seeds = st.integers(0, 10_000)
+
+
+def _across(direction: Array) -> Array:
+    first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])
+
+
+def _segment(start: Array, end: Array, sigma: float = 0.002) -> Segment:
+    direction = (end - start) / np.linalg.norm(end - start)
+    covariance = np.diag([sigma, sigma, 2 * sigma, 2 * sigma]) ** 2
+    return Segment(start, end, _across(direction), covariance, np.arange(0.01, np.linalg.norm(end - start), 0.02))
+
+
+def _sighting(position: Array) -> Sighting:
+    return Sighting(position, np.eye(3) * 1e-4, np.zeros((0, 3)), position[None], "inline")
+
+
+def _case(seed: int) -> tuple[Array, SensorMount, Segment]:
+    rng = np.random.default_rng(seed)
+    mount = SensorMount(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
+    state = rng.normal(size=9) * np.array([1, 1, 1, 0.5, 0.5, 1.5, 0.2, 0.2, 0.2])
+    middle, direction = rng.normal(size=3) + 2 * np.eye(3)[2], rng.normal(size=3)
+    return state, mount, _segment(middle - direction, middle + direction)
+
+
+def _differences(function: Callable[[Array], Array], at: Array, step: float = 1e-6) -> Array:
+    columns = [(function(at + step * e) - function(at - step * e)) / (2 * step) for e in np.eye(len(at))]
+    return np.array(columns).T
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_jacobians_of_a_line(seed: int) -> None:
+    state, mount, segment = _case(seed)
+    line, by_vehicle = new_line(sensor_pose(state, mount), segment)
+
+    def world(changed: Array) -> Array:
+        other, _ = new_line(sensor_pose(changed, mount), segment)
+        return np.concatenate([line.across @ (other.point - line.point), line.across @ other.direction])
+
+    np.testing.assert_allclose(by_vehicle, _differences(world, state), atol=1e-6)
+    moved = line.moved(np.random.default_rng(seed).normal(size=4) * 0.1)
+    seen = observe_line(moved, sensor_pose(state, mount), segment)
+    expected = _differences(lambda x: -observe_line(moved, sensor_pose(x, mount), segment).innovation, state)
+    np.testing.assert_allclose(seen.by_vehicle, expected, atol=1e-5)
+    by_line = _differences(lambda e: -observe_line(moved.moved(e), sensor_pose(state, mount), segment).innovation, np.zeros(4))
+    np.testing.assert_allclose(seen.by_feature, by_line, atol=1e-5)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_jacobians_of_a_point_and_of_the_motion(seed: int) -> None:
+    state, mount, segment = _case(seed)
+    position = segment.middle
+    point, by_vehicle = new_point(sensor_pose(state, mount), position)
+    np.testing.assert_allclose(
+        by_vehicle, _differences(lambda x: new_point(sensor_pose(x, mount), position)[0], state), atol=1e-6
+    )
+    seen = observe_point(point + 0.1, sensor_pose(state, mount), position, np.eye(3))
+    expected = _differences(lambda x: -observe_point(point + 0.1, sensor_pose(x, mount), position, np.eye(3)).innovation, state)
+    np.testing.assert_allclose(seen.by_vehicle, expected, atol=1e-6)
+    rates = np.array([0.1, -0.2, 0.3])
+    _, by_state, _ = advanced(state, rates, 0.5)
+    np.testing.assert_allclose(by_state, _differences(lambda x: advanced(x, rates, 0.5)[0], state), atol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.tuples(*[st.floats(-1.4, 1.4)] * 3))
+def test_rotations(angles: tuple[float, float, float]) -> None:
+    at = np.array(angles)
+    np.testing.assert_allclose(rotation_of(at), Rotation.from_euler("ZYX", at[::-1]).as_matrix(), atol=1e-12)
+    flat = _differences(lambda a: rotation_of(a).ravel(), at)
+    np.testing.assert_allclose(rotation_turns(at).reshape(3, 9).T, flat, atol=1e-8)
+    rates = np.array([0.3, -0.1, 0.2])
+    spin = rotation_of(at).T @ np.tensordot(rates, rotation_turns(at), 1)
+    np.testing.assert_allclose(body_rates(at, rates), [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_a_line_seen_again_from_where_it_was_seen_has_no_innovation_in_either_direction(seed: int) -> None:
+    state, mount, segment = _case(seed)
+    pose = sensor_pose(state, mount)
+    line, _ = new_line(pose, segment)
+    for other in (segment, _segment(segment.end, segment.start)):
+        np.testing.assert_allclose(observe_line(line, pose, other).innovation, 0, atol=1e-9)
+
+
+def test_joint_compatibility_refuses_what_fits_one_by_one() -> None:
+    """Two observations, each 2 sigma off in opposite ways though their errors are nearly the same error."""
+    common = 1.0
+    covariance = np.array([[common + 0.01, common], [common, common + 0.01]])
+    candidates = [Candidate(0, 10, slice(0, 1)), Candidate(1, 11, slice(1, 2))]
+    assert len(associate(candidates, np.array([2.0, 2.0]), covariance)) == 2
+    assert len(associate(candidates, np.array([2.0, -2.0]), covariance)) == 1
+
+
+def test_one_feature_is_not_shown_twice_and_the_nearer_wins() -> None:
+    candidates = [Candidate(0, 10, slice(0, 1)), Candidate(1, 10, slice(1, 2)), Candidate(1, 11, slice(2, 3))]
+    best = associate(candidates, np.array([0.1, 0.0, 1.5]), np.eye(3))
+    assert {(c.seen, c.feature) for c in best} == {(0, 10), (1, 11)}
+    assert associate([], np.zeros(0), np.zeros((0, 0))) == []
+    assert gate(3) == pytest.approx(11.345, abs=1e-3)
+
+
+STRUCTURE = [
+    (np.array([2.0, -1, 4]), np.array([2.0, 1, 4])),
+    (np.array([2.0, 1, 4]), np.array([2.0, 1, 3])),
+    (np.array([2.0, -1, 4]), np.array([3.0, -1, 4])),
+]
+OBJECTS = [np.array([2.0, 1, 4]), np.array([2.0, -1, 4]), np.array([2.0, 0, 4])]
+
+
+def _drive(seed: int, features: bool, outage: bool = False) -> tuple[list[float], list[float], StructureFilter]:
+    """Sideways past three pipes at 0.1 m/s for 60 s; errors of position and NEES at each scan."""
+    rng = np.random.default_rng(seed)
+    mount = SensorMount(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.array([0.3, 0, 0]))
+    plan = SlamSettings(start=0.005)
+    slam = StructureFilter(np.array([0.0, -3.0, 3.5]), np.zeros(3), mount, plan)
+    error, nees = [], []
+    for step in range(1, 1201):
+        time_s = step * 0.05
+        truth = np.array([0.0, -3.0 + 0.1 * time_s, 3.5])
+        slam.predict(0.05, rng.normal(0, 0.005, 3))
+        slam.attitude(rng.normal(0, 0.005, 3), 0.005)
+        if step % 4 == 0 and not (outage and 20 < time_s < 40):
+            slam.velocity(np.array([0, 0.1, 0]) + rng.normal(0, 0.02, 3), 0.02)
+        if step % 5 == 0:
+            slam.depth(3.5 + rng.normal(0, 0.02), 0.02)
+        if step % 40 == 0:
+            rotation, origin = mount.rotation, truth + mount.offset
+            if features:
+                segments = []
+                for a, b in STRUCTURE:
+                    s = _segment((a - origin) @ rotation, (b - origin) @ rotation)
+                    off, turn = rng.normal(0, 0.002, 2) @ s.across, rng.normal(0, 0.004, 2) @ s.across
+                    segments.append(_segment(s.start + off - turn * s.length / 2, s.end + off + turn * s.length / 2))
+                seen = tuple(
+                    Sighting(
+                        (p - origin) @ rotation + rng.normal(0, 0.01, 3), np.eye(3) * 1e-4, np.zeros((0, 3)), p[None], "inline"
+                    )
+                    for p in OBJECTS
+                )
+                slam.scan(tuple(segments), seen)
+            away = slam.vehicle[:3] - truth
+            error.append(float(np.linalg.norm(away)))
+            nees.append(float(away @ np.linalg.solve(slam.covariance[:3, :3], away)))
+    return error, nees, slam
+
+
+def test_the_map_keeps_the_position_through_an_outage_and_is_not_too_sure_of_it() -> None:
+    runs = [_drive(seed, True, outage=True) for seed in range(3)]
+    reckoned = [_drive(seed, False, outage=True) for seed in range(3)]
+    rms = np.sqrt(np.mean([np.square(run[0]) for run in runs]))
+    assert rms < 0.03
+    assert np.sqrt(np.mean([np.square(run[0]) for run in reckoned])) > 2 * rms
+    assert 0.5 < np.mean([run[1] for run in runs]) < 6.0
+    for _, _, slam in runs:
+        assert sorted(f.size for f in slam.features.values()) == [3, 3, 3, 4, 4, 4]
+        np.testing.assert_allclose(slam.covariance, slam.covariance.T, atol=1e-12)
+        assert np.linalg.eigvalsh(slam.covariance).min() > -1e-12
+
+
+def test_volumes_shrink_with_sightings() -> None:
+    slam = StructureFilter(np.zeros(3), np.zeros(3), SensorMount(np.eye(3), np.zeros(3)))
+    segment = _segment(np.array([-0.5, 0, 2]), np.array([0.5, 0, 2]))
+    sighting = _sighting(np.array([0.0, 0, 2]))
+    slam.scan((segment,), (sighting,))
+    volumes = [[slam.volume(number) for number in slam.features]]
+    for _ in range(4):
+        slam.scan((segment,), (sighting,))
+        volumes.append([slam.volume(number) for number in slam.features])
+    assert np.all(np.diff(volumes, axis=0) < 0)
+
+
+def test_an_outlier_velocity_is_refused_and_upright_pipes_may_be_asked_for() -> None:
+    slam = StructureFilter(np.zeros(3), np.zeros(3), SensorMount(np.eye(3), np.zeros(3)), SlamSettings(upright=True))
+    assert slam.velocity(np.array([0.1, 0, 0]), 0.01)
+    assert not slam.velocity(np.array([5.0, 0, 0]), 0.01)
+    slam.scan(
+        (_segment(np.array([0.0, 0, 2]), np.array([0.7, 0, 2.7])), _segment(np.array([0.0, 1, 2]), np.array([0.7, 1, 2]))), ()
+    )
+    assert len(slam.features) == 1
+
+
+def test_a_dropped_feature_leaves_the_others_in_place() -> None:
+    slam = StructureFilter(np.zeros(3), np.zeros(3), SensorMount(np.eye(3), np.zeros(3)))
+    positions = [np.array([x, 0.0, 2.0]) for x in (0.0, 1.0, 2.0)]
+    slam.scan((), tuple(_sighting(p) for p in positions))
+    before = slam.covariance[15:18, 15:18].copy()
+    slam.drop(2)
+    assert list(slam.features) == [1, 3]
+    at = slam.features[3].at
+    np.testing.assert_array_equal(slam.covariance[at : at + 3, at : at + 3], before)
