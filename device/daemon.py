@@ -39,6 +39,7 @@ from device.recorder.names import Name, name_of
 from device.recorder.policy import MB, DiskPolicy
 from device.recorder.shelf import FOLDER
 from device.store import Store
+from device.store.journal import LastTime
 from device.store.surveys import QUESTIONS
 from device.surveys.diameter import DiameterSurvey
 from device.surveys.landmarks import LandmarkSurvey
@@ -152,7 +153,11 @@ class Device:
 
     def start(self) -> Device:
         """Begin to read the cameras and to publish. Returns at once."""
-        last_time = self._store.journal.switched_on()
+        try:
+            last_time = self._store.journal.switched_on()
+        except StorageFull as error:  # a box on a full disk has to start: how else would somebody make room
+            log.error("the journal could not be begun: %s", error)
+            last_time = LastTime()
         self._started = True
         if last_time.unsafe:
             log.warning("the box was not switched off the last time: its power was cut, or it was killed")

@@ -92,8 +92,8 @@ ROUTES: dict[str, Told] = {
     "box.lamp": Told("The lamp", answers.Lamp, errors=(404,)),
     "box.set_lamp": Told("How bright the lamp is, or that it is automatic", answers.Lamp, bodies.LampBody, errors=(404,)),
     "alone.told": Told("Logging by itself, and the journal of what happened", answers.Alone),
-    "alone.switch": Told("Log by itself, or not", answers.Autonomy, bodies.AloneBody),
-    "alone.looked": Told("Somebody has read the journal up to an entry", None, bodies.LookedBody),
+    "alone.switch": Told("Log by itself, or not", answers.Autonomy, bodies.AloneBody, errors=(507,)),
+    "alone.looked": Told("Somebody has read the journal up to an entry", None, bodies.LookedBody, errors=(507,)),
     "inspecting.inspections": Told("All inspections", list[answers.InspectionRow], query=wanted.InspectionQuery),
     "inspecting.begin": Told(
         "Begin an inspection; it takes the pipe's surveys that belong to none",

@@ -12,6 +12,7 @@ import pytest
 
 from device.clock import Clock
 from device.daemon import Device
+from device.errors import StorageFull
 from device.store import Store
 from tests.bench.unattended import GRACE_S, compare, read
 from tests.crash.shim import ROOT
@@ -74,6 +75,20 @@ def test_it_can_be_switched_off_at_the_page_and_stays_so_after_a_restart(left_al
     assert device.unattended()["autonomy"]["state"] == "off"
     assert device.unattended()["unsafe_shutdowns"] == 0
     assert device.drive()["state"] == "idle"
+
+
+def test_a_box_on_a_full_disk_starts_and_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = box(tmp_path, two_pipes(), TourTime(8.0))
+
+    def full(*given: object, **more: object) -> None:
+        raise StorageFull("The disk is full.")
+
+    monkeypatch.setattr(device._store.journal, "switched_on", full)
+    monkeypatch.setattr(device._store.journal, "add", full)
+    device.start()
+    Bench.wait(lambda: all(device.drive()[which]["state"] == "up" for which in ("grabber", "encoder")))
+    assert device.status()["autonomy"]["on"]
+    device.close()
 
 
 def test_a_drive_by_hand_is_left_alone(left_alone: Callable[[], Device]) -> None:
