@@ -18,7 +18,7 @@ from tests.api_schema import operations, try_operation
 from tests.pairing import PIN, paired_client
 from web_ui.app import create_app
 
-EXAMPLES = 3
+EXAMPLES = 2
 
 
 @pytest.fixture(scope="module")
