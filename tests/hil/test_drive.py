@@ -76,8 +76,8 @@ def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path:
     assert state["chainage_m"] == pytest.approx(box.position, abs=0.3)
     assert state["speed_mps"] == pytest.approx(0.4, abs=0.1)
     assert state["counts"]["passed"] + state["counts"]["confirmed"] >= 2
-    for overlay in (False, True):
-        picture = box.device.drive_picture(overlay)
+    for overlay, heatmap in ((False, None), (True, None), (True, "roots"), (False, "connection")):
+        picture = box.device.drive_picture(overlay, heatmap)
         assert picture is not None
         assert picture.startswith(b"\xff\xd8")
     box.drive_to(END_M)
@@ -90,6 +90,11 @@ def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path:
         thumbnail = box.device.thumbnail(survey_id, row["id"])
         assert thumbnail is not None
         assert thumbnail.startswith(b"\xff\xd8")
+        explained = box.device.thumbnail(survey_id, row["id"], row["class"])
+        assert explained is not None
+        assert explained.startswith(b"\xff\xd8")
+    with pytest.raises(Invalid, match="There is no heatmap of cracks"):
+        box.device.drive_picture(heatmap="cracks")
     assert [row["landmarks"] for row in box.device.surveys()] == [len(THINGS)]
     with sqlite3.connect(f"file:{tmp_path}/data/borescout.db?mode=ro", uri=True) as onlooker:
         assert onlooker.execute("SELECT state FROM surveys").fetchall() == [("saved",)]
