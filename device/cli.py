@@ -29,6 +29,8 @@ class LazyCommands(click.Group):
     """Commands that are loaded when they are asked for: ``--help`` must not wait for OpenCV on a small computer."""
 
     lazy: ClassVar = {
+        "anomaly": ("device.anomaly_command:anomaly", "See where a pipe's wall deviates, from stereo."),
+        "calibrate": ("device.calibrate_command:calibrate", "Calibrate a stereo rig."),
         "batch": ("device.batch_command:batch", "Convert a folder of inspections."),
         "demo-inspection": ("device.export_command:demo", "Put a complete virtual inspection into the store."),
         "doctor": ("device.doctor:doctor", "Look at everything the box needs."),

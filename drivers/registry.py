@@ -11,6 +11,7 @@ from drivers.depth.base import DepthCamera, DepthSettings
 from drivers.encoder.base import Encoder
 from drivers.grabber.base import FrameGrabber
 from drivers.lamp.base import Lamp
+from drivers.stereo.base import StereoCamera
 
 DEPTH_CAMERAS: dict[str, str] = {
     "realsense": "drivers.depth.openers:realsense",
@@ -47,6 +48,13 @@ LAMPS: dict[str, str] = {
 """Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the lamp."""
 
 
+STEREO_CAMERAS: dict[str, str] = {
+    "replay": "drivers.stereo.replay:PairReplay",
+    "virtual": "drivers.virtual.openers:stereo_camera",
+}
+"""Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the camera."""
+
+
 def open_depth_cameras(kind: str, settings: DepthSettings | None = None, **arguments: Any) -> list[DepthCamera]:
     """The depth cameras of a kind, made but not yet streaming: ``open`` is the caller's, who can wait and try again.
 
@@ -65,6 +73,16 @@ def open_grabber(kind: str, **arguments: Any) -> FrameGrabber:
     cannot be.
     """
     maker: Callable[..., FrameGrabber] = _named(GRABBERS, kind, "CCTV grabber")
+    return maker(**arguments)
+
+
+def open_stereo_camera(kind: str, **arguments: Any) -> StereoCamera:
+    """The stereo camera of a kind, made but not yet streaming: ``open`` is the caller's, who can wait and try again.
+
+    ``arguments``: "replay" takes ``folder``, ``rate_hz`` and ``loop``; "virtual" ``seed``. Raises SensorMissing for an unknown
+    kind.
+    """
+    maker: Callable[..., StereoCamera] = _named(STEREO_CAMERAS, kind, "stereo camera")
     return maker(**arguments)
 
 

@@ -53,7 +53,8 @@ class Connection:
 
 @dataclass(frozen=True)
 class Patch:
-    """A deposit from ``start`` to ``end`` (m), ``spread`` (rad) to either side of ``angle``, ``height`` (m) thick at most."""
+    """A deposit from ``start`` to ``end`` (m), ``spread`` (rad) to either side of ``angle``, ``height`` (m) thick at most;
+    wall that is lost has a negative one."""
 
     start: float
     end: float

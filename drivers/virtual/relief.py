@@ -132,10 +132,12 @@ def _plateau(share: Array) -> Array:
 
 
 def _highest(thing: Raised) -> float:
-    return thing.height if isinstance(thing, Patch) else thing.step if isinstance(thing, DisplacedJoint) else 0.0
+    return max(thing.height, 0.0) if isinstance(thing, Patch) else thing.step if isinstance(thing, DisplacedJoint) else 0.0
 
 
 def _lowest(thing: Raised) -> float:
+    if isinstance(thing, Patch):
+        return min(thing.height, 0.0)
     return -thing.diameter if isinstance(thing, Connection) else -thing.step if isinstance(thing, DisplacedJoint) else 0.0
 
 
@@ -146,4 +148,4 @@ def _span(thing: Raised, radius: float) -> tuple[float, float, float, float]:
         return thing.chainage - thing.diameter, thing.chainage + 4 * thing.diameter, thing.angle, wide
     if isinstance(thing, DisplacedJoint):
         return thing.chainage - 0.3, thing.chainage + SETTLED_M + 0.3, thing.angle, math.pi
-    return thing.start - 0.1, thing.end + 0.6 + 6 * thing.height, thing.angle, thing.spread
+    return thing.start - 0.1, thing.end + 0.6 + 6 * abs(thing.height), thing.angle, thing.spread

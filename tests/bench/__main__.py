@@ -43,6 +43,10 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("batch", (), ("--recordings", "10", "--scaling", "4")),
     ("replay", (), ("--rounds", "1", "--seconds", "10", "--surveys", "1", "--damages", "20")),
     ("structure_recognition", ("--seeds", "3"), ("--seeds", "1", "--rate", "0.02")),
+    ("stereo_pipes", (), ("--without-reference", "--pairs", "R500", "E400600", "F1")),
+    ("anomaly_virtual", (), ("--scenes", "6", "--clean", "6", "--smooth", "2")),
+    ("stereo_cost", (), ("--pairs", "F1 Back")),
+    ("structure_slam", ("--seeds", "3", "--fault-seeds", "1"), ("--seeds", "1", "--fault-seeds", "1")),
     ("structure_cvfh", (), ("--clouds", "10")),
     ("structure_cost", (), ("--scans", "3")),
 )

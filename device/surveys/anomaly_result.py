@@ -1,0 +1,141 @@
+"""One pair of pictures as a result: numbers in the units of the page (mm, m, clock), or why there are none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.anomaly.joints import Joint
+from estimators.anomaly.pair import PairFindings, inspect_pair
+from estimators.anomaly.regions import Region
+from estimators.radial_profile.shape import Extent
+from estimators.stereo.follow import Refused
+from estimators.stereo.rig import StereoRig
+
+Result = dict[str, Any]
+
+WIDEST_INTERVAL = 0.25
+"""Widths whose 95 % interval is wider than this share of them are not told: they would choose no liner."""
+_UNSURE = "No width: the calibration makes this wall more conical than pipes are, and the wall alone does not tell better."
+_SEED = 6
+
+
+def grey(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture (H, W) or (H, W, 3) BGR as grey."""
+    return picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def inspect(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> tuple[Result, PairFindings | None]:
+    """Result and findings of one pair; without findings the result says why."""
+    try:
+        findings = inspect_pair(grey(left), grey(right), rig, np.random.default_rng(_SEED))
+    except Refused as refusal:
+        return refused(refusal.reason, str(refusal)), None
+    return result_of(findings), findings
+
+
+def refused(reason: str, message: str) -> Result:
+    """The result of a pair that tells nothing."""
+    empty: Result = dict.fromkeys(
+        ("score_mm", "outward_mm", "width_mm", "width_interval_mm", "height_mm", "height_interval_mm", "seen_height_mm")
+    )
+    return {
+        "fitted": False,
+        "reason": reason,
+        "message": message,
+        **empty,
+        "coverage": 0.0,
+        "regions": [],
+        "joints": [],
+        "bands": [],
+    }
+
+
+def result_of(findings: PairFindings) -> Result:
+    """The result of a pair that was fitted."""
+    shape = findings.shape
+    unsure = findings.followed.unsure_scale
+    width, width_interval = _extent(None if unsure else shape.width)
+    height, height_interval = _extent(None if unsure else shape.height)
+    named = shape.name != "free"
+    depth = findings.map.depth
+    return {
+        "fitted": True,
+        "reason": "offset_unsure" if unsure else "",
+        "message": _UNSURE if unsure else "",
+        "score_mm": _mm(findings.inward, 3),
+        "outward_mm": _mm(findings.outward, 3),
+        "width_mm": width,
+        "width_interval_mm": width_interval,
+        "height_mm": height,
+        "height_interval_mm": height_interval,
+        "seen_height_mm": _mm(shape.seen_height, 1),
+        "profile": shape.name,
+        "profile_width_mm": _mm(shape.fitted_width, 1) if named and width is not None else None,
+        "profile_height_mm": _mm(shape.fitted_height, 1) if named and width is not None else None,
+        "ovality_percent": None if np.isnan(shape.ovality) else round(100 * shape.ovality, 2),
+        "coverage": round(findings.followed.coverage, 4),
+        "anomalous_share": round(findings.anomalous, 5),
+        "near_m": round(float(depth[0]), 3),
+        "far_m": round(float(depth[-1]), 3),
+        "offset_px": round(findings.offset_px, 2),
+        "offset_std_px": round(findings.offset_std_px, 2),
+        "own_offset": findings.own_offset,
+        "regions": [_region(region) for region in findings.regions],
+        "joints": [_joint(joint) for joint in findings.joints],
+        "bands": [
+            {
+                "first_m": round(band.first, 3),
+                "last_m": round(band.last, 3),
+                "score_mm": _mm(band.inward, 3),
+                "outward_mm": _mm(band.outward, 3),
+                "measured": round(band.measured, 3),
+            }
+            for band in findings.bands
+        ],
+    }
+
+
+def clock(theta: float) -> float:
+    """Clock hour, 12 at the crown, of an image angle (rad)."""
+    hour = round((3.0 + np.degrees(theta) / 30.0) % 12.0, 1)
+    return 12.0 if hour in (0.0, 12.0) else float(hour)
+
+
+def _region(region: Region) -> Result:
+    return {
+        "area_mm2": round(region.area * 1e6),
+        "peak_mm": _mm(region.peak, 1),
+        "volume_cm3": round(region.volume * 1e6, 1),
+        "z_m": round(region.depth, 3),
+        "clock": clock(region.theta),
+        "from_m": round(region.depths[0], 3),
+        "to_m": round(region.depths[1], 3),
+        "width_hours": round(np.degrees(region.width) / 30.0, 1),
+        "kind": region.kind,
+        "expected": region.expected,
+        "confidence": round(region.confidence, 2),
+    }
+
+
+def _joint(joint: Joint) -> Result:
+    return {
+        "z_m": round(joint.depth, 3),
+        "gap_mm": _mm(joint.gap, 1),
+        "step_mm": _mm(joint.step, 1),
+        "offset_mm": _mm(joint.offset, 1) if joint.offset is not None else None,
+        "offset_clock": clock(joint.offset_theta) if joint.offset_theta is not None else None,
+    }
+
+
+def _extent(extent: Extent | None) -> tuple[float | None, list[float] | None]:
+    if extent is None or extent.interval[1] - extent.interval[0] > WIDEST_INTERVAL * extent.value:
+        return None, None
+    return _mm(extent.value, 1), [round(1000 * end, 1) for end in extent.interval]
+
+
+def _mm(metres: float, digits: int) -> float | None:
+    return None if np.isnan(metres) else round(1000 * float(metres), digits)

@@ -1,0 +1,176 @@
+"""Recorded pairs in place of a stereo camera: a folder with a manifest and pictures.
+
+The manifest is a JSON object: ``width``, ``height`` (px), ``focal_px``, ``baseline_mm`` and ``pairs``, a list of
+``{"left", "right"}`` with paths under the folder. ``principal_px`` [x, y] where it is not the middle, ``disparity_offset_px``
+where it is known, and ``pipe`` and ``end`` of a pair are read where they are there; nothing else is.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.base import EndOfRecording, FrameTimeout, RecordingBroken, SensorLost
+from drivers.stereo.base import StereoCamera, StereoFrame
+from estimators.pinhole import Intrinsics
+
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True)
+class PairEntry:
+    """One pair of the manifest: the paths as it writes them, and which pipe they show from which end, where it says so."""
+
+    left: str
+    right: str
+    pipe: str
+    end: str
+
+
+@dataclass(frozen=True)
+class PairFolder:
+    """A folder of pairs, all of one rig."""
+
+    folder: Path
+    intrinsics: Intrinsics
+    baseline_m: float
+    offset_px: float | None
+    pairs: tuple[PairEntry, ...]
+
+
+def pair_folder(folder: Path) -> PairFolder:
+    """Read the manifest. Raises RecordingBroken; the pictures themselves are not opened yet."""
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        raise RecordingBroken(f"There is no folder {folder}.")
+    if not path.is_file():
+        raise RecordingBroken(f"The folder {folder} has no {MANIFEST}.")
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:  # ValueError: not JSON, or not UTF-8
+        raise RecordingBroken(f"{path} cannot be read: {error}.") from error
+    if not isinstance(found, Mapping) or not isinstance(found.get("pairs"), list):
+        raise RecordingBroken(f"{path} has no list of pairs.")
+    if not found["pairs"]:
+        raise RecordingBroken(f"{path} names no pair.")
+    width, height = (_whole(found, field, path) for field in ("width", "height"))
+    focal = _number(found, "focal_px", path)
+    baseline = _number(found, "baseline_mm", path) / 1000.0
+    centre = found.get("principal_px", [(width - 1) / 2, (height - 1) / 2])
+    if not (isinstance(centre, list) and len(centre) == 2 and all(_is_number(value) for value in centre)):
+        raise RecordingBroken(f"{path} has a principal_px that is not two numbers.")
+    offset = found.get("disparity_offset_px")
+    if offset is not None and not _is_number(offset):
+        raise RecordingBroken(f"{path} has a disparity_offset_px that is not a number.")
+    entries = tuple(_entry(item, f"{path}, pair {index}") for index, item in enumerate(found["pairs"]))
+    intrinsics = Intrinsics(width, height, focal, focal, float(centre[0]), float(centre[1]))
+    return PairFolder(folder, intrinsics, baseline, None if offset is None else float(offset), entries)
+
+
+def read_pair(folder: PairFolder, entry: PairEntry, number: int = 0) -> StereoFrame:
+    """The pictures of one pair, as the camera took them. Raises RecordingBroken."""
+    left, right = (_picture(folder.folder / path) for path in (entry.left, entry.right))
+    size = folder.intrinsics.height, folder.intrinsics.width
+    for path, picture in ((entry.left, left), (entry.right, right)):
+        if picture.shape[:2] != size:
+            raise RecordingBroken(
+                f"{folder.folder / path} is {picture.shape[1]} x {picture.shape[0]}, its manifest says {size[1]} x {size[0]}."
+            )
+    return StereoFrame(
+        left, right, folder.intrinsics, folder.baseline_m, folder.offset_px, time.monotonic_ns(), number, source=entry.left
+    )
+
+
+class PairReplay(StereoCamera):
+    """The pairs of a folder in the manifest's order, ``rate_hz`` a second, or as fast as they are asked for.
+
+    A pair that cannot be read is RecordingBroken, and the next read goes on behind it.
+    """
+
+    def __init__(self, folder: Path | str, rate_hz: float | None = None, loop: bool = False) -> None:
+        self._path = Path(folder)
+        self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._loop = loop
+        self._lock = threading.Lock()
+        self._folder: PairFolder | None = None
+        self._next = 0
+        self._due = 0.0
+        self.name = f"recording {self._path.name}"
+
+    def _open(self) -> None:
+        folder = pair_folder(self._path)
+        with self._lock:
+            self._folder, self._next, self._due = folder, 0, time.monotonic()
+
+    def _read(self, timeout_s: float) -> StereoFrame:
+        with self._lock:
+            folder = self._folder
+            if folder is None:
+                raise SensorLost(f"The {self.name} is not open.")
+            if self._next >= len(folder.pairs) and not self._loop:
+                raise EndOfRecording(f"The {self.name} has been played to its end.")
+            wait = self._due - time.monotonic()
+            if wait > timeout_s:
+                time.sleep(timeout_s)
+                raise FrameTimeout(f"The {self.name} has no pair yet.")
+            time.sleep(max(wait, 0.0))
+            self._due = max(self._due, time.monotonic() - self._period_s) + self._period_s
+            number = self._next
+            self._next += 1  # before it is read: a broken picture is reported once and then left behind
+        return read_pair(folder, folder.pairs[number % len(folder.pairs)], number + 1)
+
+    def close(self) -> None:
+        """Stop. Never raises, may be called twice."""
+        with self._lock:
+            self._folder = None
+
+
+def _entry(item: Any, where: str) -> PairEntry:
+    if not isinstance(item, Mapping):
+        raise RecordingBroken(f"{where} is not an object.")
+    for side in ("left", "right"):
+        path = item.get(side)
+        if not isinstance(path, str) or not path:
+            raise RecordingBroken(f"{where} names no {side} picture.")
+        if "\0" in path or any(kind(path).anchor or ".." in kind(path).parts for kind in (PurePosixPath, PureWindowsPath)):
+            raise RecordingBroken(f"{where} names a picture outside its folder: {path}.")
+    return PairEntry(item["left"], item["right"], str(item.get("pipe", "")), str(item.get("end", "")))
+
+
+def _picture(path: Path) -> NDArray[np.uint8]:
+    """A picture (h, w, 3) BGR. Never a warning on stderr, unlike cv2.imread."""
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except (OSError, cv2.error) as error:
+        raise RecordingBroken(f"{path} cannot be read: {error}.") from error
+    if image is None:
+        raise RecordingBroken(f"{path} is not a picture that can be read.")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _number(found: Mapping[str, Any], field: str, path: Path) -> float:
+    value = found.get(field)
+    if not _is_number(value) or not 0 < float(str(value)) < 1e6:
+        raise RecordingBroken(f"{path} has no sound {field}: {value}.")
+    return float(str(value))
+
+
+def _whole(found: Mapping[str, Any], field: str, path: Path) -> int:
+    value = found.get(field)
+    if not isinstance(value, int) or isinstance(value, bool) or not 16 <= value <= 20000:
+        raise RecordingBroken(f"{path} has no sound {field}: {value}.")
+    return value

@@ -1,0 +1,141 @@
+"""The signed deviation of the wall, in metres: outwards positive, inwards negative, unrolled as angle by depth.
+
+A ray that meets a deposit stops before it reaches the wall: its point belongs to the depth at which it stopped, and the wall
+behind the deposit is hidden. Deviations are therefore put where their points lie (radius paper, section 4.5), not where their
+rays aim.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.stereo.follow import FollowedWall
+
+Floats = NDArray[np.float32]
+
+ANGLES, ROWS = 540, 240
+_REACH = 0.75
+"""Points farther off the wall than this share of its radius are no part of it."""
+
+
+@dataclass(frozen=True)
+class PointDeviations:
+    """One value for each cell of the followed wall's grid (Z, A), nan where no depth can be trusted: ``depth`` (m) of the
+    point, ``radius`` (m), ``deviation`` (m) and its ``sigma`` (m)."""
+
+    depth: Floats
+    radius: Floats
+    deviation: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True)
+class DeviationMap:
+    """The unrolled wall: ``theta`` (A,) rad, ``depth`` (Z,) m; the rest is (Z, A).
+
+    ``deviation`` (m) and ``sigma`` (m) nan where nothing was measured; ``wall`` what belongs to the wall between its ends;
+    ``hidden`` wall that nothing was measured on although the rays about it were: something stands before it. ``area`` (m2) of
+    each cell; ``radius`` (m) that the wall should have; ``gain`` by how much the patches agree better where they were found
+    than if the wall stood where it should.
+    """
+
+    theta: NDArray[np.float64]
+    depth: NDArray[np.float64]
+    deviation: Floats
+    sigma: Floats
+    wall: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    area: Floats
+    radius: Floats
+    gain: Floats
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Where there is a deviation."""
+        return np.isfinite(self.deviation)
+
+
+def point_deviations(followed: FollowedWall) -> PointDeviations:
+    """Deviation of every trusted cell: measured radius less that of eq. 17 at the point's own angle and depth."""
+    wall, grid = followed.wall, followed.grid
+    shift = followed.disparity.astype(np.float64) - (wall.rig.offset_px or 0.0)
+    usable = followed.usable & (shift > 0)
+    depth = np.where(usable, wall.rig.range_px_m / np.where(shift > 0, shift, 1.0), np.nan)
+    radius = grid.rho * depth / wall.rig.focal_px
+    constant, slope = wall.profile(grid.theta)
+    with np.errstate(invalid="ignore"):
+        deviation = radius - (constant + slope * depth)
+        deviation[np.abs(deviation) > _REACH * constant] = np.nan
+        sigma = followed.match.sigma * constant / shift
+    sigma[~np.isfinite(deviation)] = np.nan
+    return PointDeviations(*(values.astype(np.float32) for values in (depth, radius, deviation, sigma)))
+
+
+def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationMap:
+    """The deviations where their points lie, as means over the cells of an even grid."""
+    grid, wall, ends = followed.grid, followed.wall, followed.ends
+    nearest, farthest = float(grid.depth[ends.first]), float(grid.depth[ends.last - 1])
+    step = (farthest - nearest) / ROWS
+    depth: NDArray[np.float64] = nearest + (np.arange(ROWS, dtype=np.float64) + 0.5) * step
+    theta: NDArray[np.float64] = (np.arange(ANGLES, dtype=np.float64) + 0.5) * (2 * np.pi / ANGLES) - np.pi
+    measured = np.isfinite(points.deviation)
+    row = np.floor((points.depth - nearest) / step)
+    measured &= (row >= 0) & (row < ROWS)
+    column = np.broadcast_to(np.arange(len(grid.theta)) * ANGLES // len(grid.theta), measured.shape)
+    place = (row[measured].astype(np.int64) * ANGLES) + column[measured]
+    cells = ROWS * ANGLES
+    weight = 1.0 / np.maximum(points.sigma[measured].astype(np.float64), 1e-5) ** 2
+    total = np.bincount(place, weight, cells)
+    count = np.bincount(place, minlength=cells)
+    value = np.bincount(place, weight * points.deviation[measured], cells)
+    gain = np.bincount(place, weight * followed.gain[measured], cells)
+    gain = np.divide(gain, total, out=np.zeros(cells), where=total > 0).reshape(ROWS, ANGLES)
+    # the cells of one window share their error: means over a few of them are no surer than one
+    spread = np.sqrt(np.divide(count, total, out=np.full(cells, np.nan), where=total > 0))
+    deviation = np.divide(value, total, out=np.full(cells, np.nan), where=total > 0).reshape(ROWS, ANGLES).astype(np.float32)
+    sigma = spread.reshape(ROWS, ANGLES).astype(np.float32)
+    inside, trusted = _resampled(followed, depth, theta)
+    filled, filled_sigma = _small_gaps(deviation, sigma)
+    deviation, sigma = (
+        np.where(inside, filled, np.nan).astype(np.float32),
+        np.where(inside, filled_sigma, np.nan).astype(np.float32),
+    )
+    hidden = inside & trusted & ~np.isfinite(deviation)
+    radius = wall.radius(theta, np.broadcast_to(depth[:, None], (ROWS, ANGLES)))
+    area = np.maximum(radius, 0.0) * (2 * np.pi / ANGLES) * step
+    return DeviationMap(
+        theta,
+        depth,
+        deviation,
+        sigma,
+        inside,
+        hidden,
+        area.astype(np.float32),
+        radius.astype(np.float32),
+        gain.astype(np.float32),
+    )
+
+
+def _resampled(followed: FollowedWall, depth: NDArray[np.float64], theta: NDArray[np.float64]) -> tuple[NDArray[np.bool_], ...]:
+    """What of the map lies in the picture between the wall's ends, and where its rays were trusted."""
+    grid = followed.grid
+    row = np.clip(np.round((depth - grid.depth[0]) / grid.cell_m[0]).astype(int), 0, len(grid.depth) - 1)
+    column = np.clip(((np.arange(len(theta)) + 0.5) * len(grid.theta) / len(theta)).astype(int), 0, len(grid.theta) - 1)
+    pick = np.ix_(row, column)
+    return (followed.ends.inside & grid.seen)[pick], followed.match.trusted[pick]
+
+
+def _small_gaps(deviation: Floats, sigma: Floats) -> tuple[Floats, Floats]:
+    """Cells that no point fell into although their neighbours' did: the mean of those, on walls that rays graze."""
+    known = np.isfinite(deviation).astype(np.float32)
+    window = (3, 5)
+    share = cv2.blur(known, window, borderType=cv2.BORDER_REPLICATE)
+    both = []
+    for values in (deviation, sigma):
+        mean = cv2.blur(np.nan_to_num(values), window, borderType=cv2.BORDER_REPLICATE) / np.maximum(share, 1e-3)
+        both.append(np.where(known > 0, values, np.where(share > 0.34, mean, np.nan)).astype(np.float32))
+    return both[0], both[1]

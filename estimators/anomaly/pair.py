@@ -1,0 +1,70 @@
+"""One pair of pictures to findings: follow the wall, measure what lies off it, score it and cut it into regions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.anomaly.deviation import DeviationMap, PointDeviations, deviation_map, point_deviations
+from estimators.anomaly.joints import Joint, find_joints, ring_cells
+from estimators.anomaly.regions import Region, anomalous_share, find_regions
+from estimators.anomaly.score import BandScore, band_scores, score
+from estimators.radial_profile.shape import Shape, shape_of
+from estimators.stereo.follow import FollowedWall, follow_wall
+from estimators.stereo.rig import StereoRig
+
+BAND_M = 0.1
+_SEEN = 0.1
+"""An angle was seen where a tenth of the band was measured."""
+
+
+@dataclass(frozen=True)
+class PairFindings:
+    """What one pair tells. ``inward`` and ``outward`` (m) are eq. 18 of the RADIUS paper and its twin; ``offset_px`` the
+    disparity offset that the depths are by, ``offset_std_px`` how well it is known, ``own_offset`` whether this pair had to
+    find it."""
+
+    followed: FollowedWall
+    points: PointDeviations
+    map: DeviationMap
+    shape: Shape
+    joints: list[Joint]
+    regions: list[Region]
+    inward: float
+    outward: float
+    bands: list[BandScore]
+    anomalous: float
+    offset_px: float
+    offset_std_px: float
+    own_offset: bool
+
+
+def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig, rng: np.random.Generator) -> PairFindings:
+    """Findings of a rectified grey pair (H, W). Raises ``estimators.stereo.follow.Refused``."""
+    followed = follow_wall(left, right, rig, rng)
+    used = followed.wall.rig
+    own = used.offset_px != rig.offset_px or rig.offset_px is None
+    points = point_deviations(followed)
+    found = deviation_map(followed, points)
+    joints = find_joints(found)
+    rings = ring_cells(found, joints)
+    regions = find_regions(found, joints)
+    inward, outward = score(found, rings)
+    visible = followed.usable.sum(axis=0) > _SEEN * (followed.ends.last - followed.ends.first)
+    return PairFindings(
+        followed,
+        points,
+        found,
+        shape_of(followed.wall, visible, followed.grid.theta),
+        joints,
+        regions,
+        inward,
+        outward,
+        band_scores(found, BAND_M, rings),
+        anomalous_share(found, regions),
+        float(used.offset_px or 0.0),
+        used.offset_std_px,
+        own,
+    )

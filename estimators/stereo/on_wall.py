@@ -1,0 +1,228 @@
+"""Matching on the predicted wall: both pictures are resampled onto it, and only the small shift that is left is looked for.
+
+On the unrolled wall the expected shift is near zero and texture has one scale, so that a window means the same patch of wall
+everywhere. The shift along the rows is found by least squares on brightness (Lucas and Kanade) over two windows: the small one
+where the texture carries it, the large one where it does not. Least squares also says how well it is known:
+sigma = noise / sqrt(sum of squared gradients), with the noise from what is left between the pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.stereo.unrolled import Floats, Unrolled
+
+NORMAL_WIDTH = 960
+"""Width (px) of the pictures that are resampled: texture finer than that is noise in common lenses."""
+_EVEN_WINDOW = 31
+_DARK = 4.0
+_SMALL, _LARGE = (11, 9), (33, 27)
+_ITERATIONS = 2
+_STEP_PX = 2.0
+_REACH_PX = 4.0
+TRUST_PX = 1.0
+"""Largest sigma of a trusted disparity, at 1920 pixels of width."""
+_TRUST_SHARE = 0.02
+"""Largest sigma of a trusted disparity as a share of it (less the offset), which is that of the radius it tells."""
+_ALIKE = 0.5, 0.3
+"""Smallest correlation of the two patches of a trusted match, for the small and the large window: noise alone, moved to where
+it fits best, reaches half of it."""
+_TEXTURE = 0.6
+"""Mean square of an evened patch that is texture rather than noise on an even grey."""
+_INDEPENDENT = 0.12
+"""Noise that neighbouring pixels do not share, as a share of the pixels: demosaicing, compression and resampling spread it. So
+that the deviations of a smooth test pipe are as large as their sigmas say."""
+
+TRUSTED, OUTSIDE, SMOOTH, OCCLUDED = range(4)
+"""What became of a cell: a trusted shift; not in both pictures; too little texture (many shifts fit as well); none fits."""
+
+
+@dataclass(frozen=True)
+class EvenPair:
+    """Both pictures (h, w) at about ``NORMAL_WIDTH``, every neighbourhood at mean 0 and deviation 1, and the right one's
+    gradients. ``step`` is the width of a pixel in pixels of the original."""
+
+    left: Floats
+    right: Floats
+    along: Floats
+    down: Floats
+    step: float
+
+
+@dataclass(frozen=True)
+class WallMatch:
+    """Shifts on an unrolled wall, all (Z, A): ``shift`` (px, measured less predicted disparity), its ``sigma`` (px), ``alike``
+    the correlation of the patches, ``fine`` where the small window sufficed, and ``state`` (TRUSTED, OUTSIDE, SMOOTH,
+    OCCLUDED)."""
+
+    shift: Floats
+    sigma: Floats
+    alike: Floats
+    fine: NDArray[np.bool_]
+    state: NDArray[np.uint8]
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Where a shift can be believed."""
+        return np.asarray(self.state == TRUSTED, dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class RowMisfit:
+    """How far the right picture sits too low, in pixels: a + b x + c y + d x y, with x and y in half widths off the centre.
+
+    Rectification leaves some pixels, more where the two lenses magnify differently; matching along rows cannot see them.
+    """
+
+    terms: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    def at(self, x: Floats, y: Floats, width: int, height: int) -> Floats:
+        """Pixels at positions of the left picture."""
+        u, v = (x - width / 2) / (width / 2), (y - height / 2) / (width / 2)
+        a, b, c, d = self.terms
+        return np.asarray(a + b * u + c * v + d * u * v, dtype=np.float32)
+
+
+def even_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> EvenPair:
+    """Prepare a grey pair (H, W)."""
+    factor = max(1, round(left.shape[1] / NORMAL_WIDTH))
+    size = left.shape[1] // factor, left.shape[0] // factor
+
+    def even(picture: NDArray[np.uint8]) -> Floats:
+        grey = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        window = (_EVEN_WINDOW, _EVEN_WINDOW)
+        mean = cv2.blur(grey, window)
+        variance = np.maximum(cv2.blur(grey * grey, window) - mean * mean, 0) + _DARK**2
+        return np.asarray((grey - mean) / np.sqrt(variance), dtype=np.float32)
+
+    one, other = even(left), even(right)
+    along = cv2.Sobel(other, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    down = cv2.Sobel(other, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    return EvenPair(one, other, np.asarray(along, np.float32), np.asarray(down, np.float32), left.shape[1] / size[0])
+
+
+def match_on_wall(
+    pair: EvenPair, grid: Unrolled, start: Floats, misfit: RowMisfit, width: int, height: int, offset_px: float
+) -> WallMatch:
+    """Find the shift of every cell of ``grid``, beginning at ``start`` (px), for pictures of ``width`` x ``height`` px."""
+    own = np.clip(_INDEPENDENT * grid.pixels / pair.step**2, 0.005, 0.18).astype(np.float32)
+    limit = np.minimum(TRUST_PX * width / 1920, _TRUST_SHARE * (grid.disparity - offset_px)).astype(np.float32)
+    lift = misfit.at(grid.x, grid.y, width, height)
+    left = _sampled(pair.left, grid.x, grid.y, pair.step)
+    shift = start
+    for _ in range(_ITERATIONS):
+        right, along = _right(pair, grid, shift, lift)
+        small, large = (_least_squares(left, right, along, own, window, pair.step) for window in (_SMALL, _LARGE))
+        step = np.where(_carries(small, _ALIKE[0], limit), small.step, large.step)
+        moved = np.clip(shift + np.clip(step, -_STEP_PX, _STEP_PX), start - _REACH_PX, start + _REACH_PX)
+        shift = np.asarray(cv2.medianBlur(np.ascontiguousarray(moved, dtype=np.float32), 5), dtype=np.float32)
+    right, along = _right(pair, grid, shift, lift)
+    small, large = (_least_squares(left, right, along, own, window, pair.step) for window in (_SMALL, _LARGE))
+    fine, rough = _carries(small, _ALIKE[0], limit), _carries(large, _ALIKE[1], limit)
+    # texture that finds no partner is hidden from the other camera; without texture, unlike patches say nothing
+    state = np.where(fine | rough, TRUSTED, np.where(small.texture > _TEXTURE, OCCLUDED, SMOOTH)).astype(np.uint8)
+    lonely = cv2.morphologyEx((state == TRUSTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones(_SMALL[::-1], np.uint8)) == 0
+    state[lonely & (state == TRUSTED)] = SMOOTH
+    state[~grid.seen | (grid.x - grid.disparity - shift < 2)] = OUTSIDE
+    sigma = np.where(fine, small.sigma, large.sigma).astype(np.float32)
+    alike = np.where(fine, small.alike, large.alike).astype(np.float32)
+    return WallMatch(np.asarray(shift, np.float32), sigma, alike, fine, state)
+
+
+def likeness_at(
+    pair: EvenPair, grid: Unrolled, shift: Floats, misfit: RowMisfit, width: int, height: int
+) -> tuple[Floats, Floats]:
+    """Correlation of the patches (small window, large window) were the shift ``shift`` (px): how well another answer would
+    do."""
+    lift = misfit.at(grid.x, grid.y, width, height)
+    left, right = _sampled(pair.left, grid.x, grid.y, pair.step), _right(pair, grid, shift, lift)[0]
+    return _likeness(left, right, _SMALL), _likeness(left, right, _LARGE)
+
+
+def row_misfit(pair: EvenPair, grid: Unrolled, shift: Floats, before: RowMisfit, width: int, height: int) -> RowMisfit:
+    """A better estimate of how far the right picture sits too low, from patches of the wall matched in both directions."""
+    lift = before.at(grid.x, grid.y, width, height)
+    left = _sampled(pair.left, grid.x, grid.y, pair.step)
+    right, along = _right(pair, grid, shift, lift)
+    down = _sampled(pair.down, grid.x - grid.disparity - shift, grid.y - lift, pair.step)
+    every, window = (slice(12, None, 24), slice(16, None, 32)), (41, 31)
+
+    def mean(values: Floats) -> NDArray[np.float64]:
+        return cv2.blur(values, window)[every].astype(np.float64)
+
+    rest = left - right
+    xx, xy, yy = mean(along * along), mean(along * down), mean(down * down)
+    xr, yr = mean(along * rest), mean(down * rest)
+    determinant = xx * yy - xy * xy
+    lower = -(xx * yr - xy * xr) / (determinant + 1e-9) * pair.step
+    weight = np.where(grid.seen[every] & (np.abs(lower) < 3.0 * pair.step), determinant / (xx + 1e-9), 0.0).ravel()
+    u = ((grid.x[every] - width / 2) / (width / 2)).ravel().astype(np.float64)
+    v = ((grid.y[every] - height / 2) / (width / 2)).ravel().astype(np.float64)
+    rows, wanted = np.stack([np.ones_like(u), u, v, u * v], axis=1), lower.ravel()
+    damping = np.diag([1e-6, 1e-3, 1e-3, 1e-3]) * max(float(weight.sum()), 1e-9)
+    kept = weight
+    correction = np.zeros(4)
+    for _ in range(6):
+        correction[:] = np.linalg.solve((rows * kept[:, None]).T @ rows + damping, rows.T @ (wanted * kept))
+        kept = weight / (1.0 + ((wanted - rows @ correction) / 0.3) ** 2)
+    a, b, c, d = (float(old + new) for old, new in zip(before.terms, correction, strict=True))
+    return RowMisfit((a, b, c, d))
+
+
+def _right(pair: EvenPair, grid: Unrolled, shift: Floats, lift: Floats) -> tuple[Floats, Floats]:
+    """The right picture and its gradient along the rows, where ``shift`` puts the wall."""
+    x, y = grid.x - grid.disparity - shift, grid.y - lift
+    return _sampled(pair.right, x, y, pair.step), _sampled(pair.along, x, y, pair.step)
+
+
+def _sampled(picture: Floats, x: Floats, y: Floats, step: float) -> Floats:
+    half = np.float32((step - 1) / 2)
+    scale = np.float32(1 / step)
+    found = cv2.remap(picture, (x - half) * scale, (y - half) * scale, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(found, dtype=np.float32)
+
+
+def _blurred(values: Floats, window: tuple[int, int]) -> Floats:
+    return np.asarray(cv2.blur(values, window), dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What one window tells of every cell: the step of the shift (px), its sigma (px), how alike the patches are, and the mean
+    square of the left one."""
+
+    step: Floats
+    sigma: Floats
+    alike: Floats
+    texture: Floats
+
+
+def _carries(window: _Window, alike: float, limit: Floats) -> NDArray[np.bool_]:
+    """Where a window's texture tells the shift well enough to be trusted."""
+    return (window.sigma <= limit) & (window.alike >= alike)
+
+
+def _least_squares(left: Floats, right: Floats, along: Floats, own: Floats, window: tuple[int, int], step: float) -> _Window:
+    """The right picture moves along its rows to meet the left. ``own``: independent values of a cell."""
+    rest = left - right
+    energy = _blurred(along * along, window) + np.float32(1e-5)
+    move = -_blurred(along * rest, window) / energy * step
+    texture = _blurred(left * left, window)
+    alike = _likeness(left, right, window)
+    left_over = np.maximum(_blurred(rest * rest, window), 1e-6)
+    # of the gradients only the part that both pictures share is texture, the rest is noise that fits nothing
+    shared = energy * np.clip(alike, 0.05, 1.0)
+    sigma = np.sqrt(left_over / (shared * (window[0] * window[1] * own))) * step
+    return _Window(np.asarray(move, np.float32), np.asarray(sigma, np.float32), alike, texture)
+
+
+def _likeness(left: Floats, right: Floats, window: tuple[int, int]) -> Floats:
+    """Correlation of the patches about each cell."""
+    mean_left, mean_right = _blurred(left, window), _blurred(right, window)
+    one, other = _blurred(left * left, window) - mean_left**2, _blurred(right * right, window) - mean_right**2
+    both = _blurred(left * right, window) - mean_left * mean_right
+    return np.asarray(both / np.sqrt(np.maximum(one * other, 1e-6)), dtype=np.float32)

@@ -1,0 +1,60 @@
+"""The predicted wall unrolled: where each cell of angle by depth lies in the left picture, and at which disparity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.radial_profile.fit import Wall
+
+Floats = NDArray[np.float32]
+
+ANGLES = 1080
+ROWS = 320
+
+
+@dataclass(frozen=True)
+class Unrolled:
+    """A grid of ``theta`` (A,) rad by ``depth`` (Z,) m, near to far, on a predicted wall; other arrays are (Z, A).
+
+    ``x``, ``y``: pixel of the left picture whose ray meets the wall there; ``rho`` its distance from the principal point in
+    (horizontal) pixels; ``disparity`` (px) that it should have; ``seen`` where that pixel lies in the picture.
+    """
+
+    theta: NDArray[np.float64]
+    depth: NDArray[np.float64]
+    x: Floats
+    y: Floats
+    rho: Floats
+    disparity: Floats
+    seen: NDArray[np.bool_]
+
+    @property
+    def cell_m(self) -> tuple[float, float]:
+        """Depth of a cell (m) and its angle (rad)."""
+        return float(self.depth[1] - self.depth[0]), float(self.theta[1] - self.theta[0])
+
+    @property
+    def pixels(self) -> Floats:
+        """Pixels of the left picture that each cell (Z, A) covers."""
+        return np.asarray(np.abs(np.gradient(self.rho, axis=0)) * self.rho * self.cell_m[1], dtype=np.float32)
+
+
+def unroll(wall: Wall, nearest: float, farthest: float, angles: int = ANGLES, rows: int = ROWS) -> Unrolled:
+    """The wall from ``nearest`` to ``farthest`` (m)."""
+    rig = wall.rig
+    camera = rig.intrinsics
+    theta: NDArray[np.float64] = (np.arange(angles, dtype=np.float64) + 0.5) * (2 * np.pi / angles) - np.pi
+    depth: NDArray[np.float64] = nearest + (np.arange(rows, dtype=np.float64) + 0.5) * ((farthest - nearest) / rows)
+    constant, slope = wall.profile(theta)
+    radius = constant + slope * depth[:, None]
+    rho = rig.focal_px * radius / depth[:, None]
+    x = rho * np.cos(theta) + camera.ppx
+    y = rho * np.sin(theta) * (camera.fy / camera.fx) + camera.ppy
+    margin = 3.0
+    seen = (x > margin) & (x < camera.width - 1 - margin) & (y > margin) & (y < camera.height - 1 - margin) & (radius > 0)
+    disparity = np.broadcast_to(((rig.offset_px or 0.0) + rig.range_px_m / depth)[:, None], x.shape)
+    single = [np.asarray(values, dtype=np.float32) for values in (x, y, rho, disparity)]
+    return Unrolled(theta, depth, single[0], single[1], single[2], single[3], np.asarray(seen, dtype=np.bool_))

@@ -1,0 +1,217 @@
+"""The anomaly survey's estimators on virtual pairs whose truth is known, and the parts by hand."""
+
+from __future__ import annotations
+
+import contextlib
+from functools import cache
+
+import numpy as np
+import pytest
+
+from device.surveys.anomaly_result import clock, inspect
+from drivers.virtual.landmarks import Patch
+from drivers.virtual.profile import circular
+from drivers.virtual.rig import Pose
+from drivers.virtual.stereo_camera import StereoLens, StereoLook, StereoPainter, VirtualStereoCamera
+from drivers.virtual.world import Joint, VirtualSewer
+from estimators.anomaly.deviation import DeviationMap
+from estimators.anomaly.joints import find_joints, ring_cells
+from estimators.anomaly.pair import PairFindings, inspect_pair
+from estimators.anomaly.regions import anomalous_share, find_regions
+from estimators.anomaly.score import band_scores, score
+from estimators.pinhole import Intrinsics
+from estimators.stereo.follow import Refused
+from estimators.stereo.on_wall import OCCLUDED, SMOOTH, TRUSTED
+from estimators.stereo.rig import StereoRig
+
+DIAMETER = 0.4
+ANGLES, ROWS = 180, 100
+
+
+def flat(deviation_m: float = 0.0) -> DeviationMap:
+    """A map of 1 m of a pipe of 200 mm radius, everywhere measured."""
+    shape = ROWS, ANGLES
+    theta = (np.arange(ANGLES) + 0.5) * (2 * np.pi / ANGLES) - np.pi
+    depth = 1.0 + (np.arange(ROWS) + 0.5) / ROWS
+    area = np.full(shape, 0.2 * 2 * np.pi / ANGLES / ROWS, np.float32)
+    everywhere = np.ones(shape, bool)
+    return DeviationMap(
+        theta,
+        depth,
+        np.full(shape, deviation_m, np.float32),
+        np.full(shape, 0.0003, np.float32),
+        everywhere,
+        ~everywhere,
+        area,
+        np.full(shape, 0.2, np.float32),
+        np.full(shape, 0.3, np.float32),
+    )
+
+
+def test_the_score_is_the_mean_of_what_lies_inwards() -> None:
+    found = flat()
+    found.deviation[:50] = -0.004
+    found.deviation[50:75] = 0.008
+    assert score(found) == (pytest.approx(0.002), pytest.approx(0.002))
+    left_out = np.zeros(found.deviation.shape, bool)
+    left_out[:50] = True
+    assert score(found, left_out) == (0.0, pytest.approx(0.004))
+
+
+def test_bands_score_their_own_part_and_say_nothing_of_what_was_not_measured() -> None:
+    found = flat()
+    found.deviation[:25] = -0.004
+    found.deviation[75:] = np.nan
+    bands = band_scores(found, 0.25)
+    assert [round(band.first, 3) for band in bands] == [1.0, 1.25, 1.5, 1.75]
+    assert bands[0].inward == pytest.approx(0.004)
+    assert bands[1].inward == 0.0
+    assert np.isnan(bands[3].inward)
+
+
+def test_a_region_has_its_area_place_and_sign_across_the_seam() -> None:
+    found = flat()
+    found.deviation[40:60, :20] = -0.02
+    found.deviation[40:60, -20:] = -0.02
+    (region,) = find_regions(found, [])
+    assert region.peak == pytest.approx(-0.02, rel=0.05)
+    assert region.area == pytest.approx(20 * 40 * float(found.area[0, 0]), rel=0.3)  # soft edges of the smoothing
+    assert abs(region.theta) == pytest.approx(np.pi, abs=0.05)  # nine o'clock, where the map is cut open
+    assert region.kind == "intrusion"
+    assert anomalous_share(found, [region]) == pytest.approx(region.area / float(found.area.sum()), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("theta", "sign", "kind"), [(np.pi / 2, -1, "deposit"), (-np.pi / 2, -1, "intrusion"), (0.5, 1, "loss")]
+)
+def test_kinds_that_are_plain(theta: float, sign: int, kind: str) -> None:
+    found = flat()
+    column = int((theta + np.pi) / (2 * np.pi) * ANGLES)
+    found.deviation[40:60, column - 8 : column + 8] = sign * 0.012
+    (region,) = find_regions(found, [])
+    assert (region.kind, region.expected) == (kind, False)
+
+
+def test_what_hides_more_wall_than_it_covers_stands_free() -> None:
+    found = flat()
+    found.deviation[40:46, 130:140] = -0.05
+    found.deviation[46:70, 130:140] = np.nan
+    found.hidden[46:70, 130:140] = True
+    (region,) = find_regions(found, [])
+    assert region.kind == "object"
+
+
+def test_no_region_without_patches_that_agree_better_off_the_wall() -> None:
+    found = flat()
+    found.deviation[40:60, 20:60] = -0.02
+    found.gain[:] = 0.0
+    assert find_regions(found, []) == []
+
+
+def test_what_is_within_the_noise_is_no_region() -> None:
+    found = flat()
+    rng = np.random.default_rng(1)
+    found.deviation[:] = rng.normal(0, 0.002, found.deviation.shape)
+    found.sigma[:] = 0.002
+    assert find_regions(found, []) == []
+
+
+def test_a_joint_is_an_expected_ring_with_gap_and_displacement() -> None:
+    found = flat()
+    found.deviation[50:53] = 0.008
+    found.deviation[53:] += (0.006 * np.cos(found.theta - np.pi / 2)).astype(np.float32)
+    (joint,) = find_joints(found)
+    assert joint.gap == pytest.approx(0.03)
+    assert joint.offset == pytest.approx(0.006, rel=0.1)
+    assert joint.offset_theta == pytest.approx(np.pi / 2, abs=0.05)
+    assert ring_cells(found, [joint])[51].all()
+    assert all(region.expected for region in find_regions(found, [joint]) if joint.first < region.depth < joint.last)
+
+
+@cache
+def looked(height: float, grain: float = 0.25, joint: bool = False, offset: float = 0.0, told: bool = True) -> PairFindings:
+    things = (Patch(2.75, 2.9, 2.0, 0.3, height),) if height else ()
+    joints = (Joint(2.8, 0.02, 0.012),) if joint else ()
+    sewer = VirtualSewer(circular(DIAMETER), 4.0, joints=joints, things=things)
+    lens = StereoLens(offset_px=offset)
+    left, right = StereoPainter(sewer, lens, StereoLook(grain=grain), 1).pair(
+        Pose(0.01, -0.02, 2.0, 0.02, -0.01), np.random.default_rng(1)
+    )
+    rig = StereoRig(lens.intrinsics, lens.baseline_m, offset if told else None)
+    return inspect_pair(left, right, rig, np.random.default_rng(1))
+
+
+def test_a_clean_pipe_has_its_diameter_and_no_anomaly() -> None:
+    found = looked(0.0)
+    assert found.shape.width is not None
+    assert found.shape.width.value == pytest.approx(DIAMETER, rel=0.01)
+    assert found.regions == []
+    assert found.inward < 0.001
+    assert found.followed.coverage > 0.8
+
+
+def test_a_deposit_is_found_where_it_is_as_high_as_it_is() -> None:
+    found = looked(0.03)
+    region = found.regions[0]
+    assert region.peak == pytest.approx(-0.03, rel=0.25)
+    assert region.depth == pytest.approx(0.82, abs=0.05)  # its middle, from the camera
+    assert abs(region.theta - 2.0) < 0.15
+    # 15 cm by 12 cm at half its height on average, spread over 1.4 m2 of wall
+    assert found.inward - looked(0.0).inward == pytest.approx(0.0002, abs=0.0001)
+
+
+def test_lost_wall_is_found_outwards() -> None:
+    found = looked(-0.02)
+    assert found.regions[0].kind == "loss"
+    assert found.outward - looked(0.0).outward == pytest.approx(0.00012, abs=0.00007)
+
+
+def test_a_pipe_without_texture_is_refused_or_without_anomaly() -> None:
+    with contextlib.suppress(Refused):
+        found = looked(0.0, grain=0.01)
+        assert found.regions == []
+        assert found.followed.coverage < looked(0.0).followed.coverage
+
+
+def test_a_pair_finds_its_own_offset() -> None:
+    found = looked(0.0, offset=12.0, told=False)
+    assert found.own_offset
+    assert found.offset_px == pytest.approx(12.0, abs=1.5)
+    assert found.shape.width is not None
+    assert found.shape.width.interval[0] <= DIAMETER <= found.shape.width.interval[1]
+
+
+def test_hidden_and_smooth_are_told_apart() -> None:
+    state = looked(0.03).followed.match.state
+    assert (state == TRUSTED).mean() > 0.3
+    smooth = looked(0.0, grain=0.03).followed.match.state
+    assert (smooth == SMOOTH).sum() > (state == SMOOTH).sum()
+    assert (smooth == OCCLUDED).sum() < (smooth == SMOOTH).sum()
+
+
+def test_two_pictures_of_nothing_are_refused_with_a_sentence() -> None:
+    camera = Intrinsics(480, 300, 500.0, 500.0, 239.5, 149.5)
+    noise = np.random.default_rng(0).integers(0, 255, (2, 300, 480), dtype=np.uint8)
+    result, findings = inspect(noise[0], noise[1], StereoRig(camera, 0.06))
+    assert findings is None
+    assert result["fitted"] is False
+    assert result["width_mm"] is None
+    assert result["regions"] == []
+    assert result["message"].endswith(".")
+
+
+@pytest.mark.parametrize(("theta", "hour"), [(-np.pi / 2, 12.0), (0.0, 3.0), (np.pi / 2, 6.0), (np.pi, 9.0), (-np.pi, 9.0)])
+def test_clock_hours(theta: float, hour: float) -> None:
+    assert clock(theta) == hour
+
+
+def test_the_virtual_camera_drives_on() -> None:
+    lens = StereoLens(Intrinsics(240, 150, 140.0, 140.0, 119.5, 74.5))
+    camera = VirtualStereoCamera(StereoPainter(VirtualSewer(circular(0.3), 4.0), lens, StereoLook(), 1))
+    camera.open()
+    first, second = camera.read(), camera.read()
+    camera.close()
+    assert (first.number, second.number) == (1, 2)
+    assert first.left.shape == (150, 240)
+    assert not np.array_equal(first.left, second.left)
+    assert camera.pose(1).chainage > camera.pose(0).chainage
