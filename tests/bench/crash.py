@@ -110,7 +110,7 @@ def daemon_kills(scratch: Path, count: int) -> None:
                 command, cwd=shim.ROOT, stdout=log, stderr=log, env={**os.environ, "OMP_NUM_THREADS": "1"}
             )
         begun = time.monotonic()
-        deadline, stop_at = begun + 90, None
+        deadline, stop_at = begun + 300, None
         now = last
         while time.monotonic() < (deadline if stop_at is None else stop_at):
             time.sleep(0.05)
