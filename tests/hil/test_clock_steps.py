@@ -31,18 +31,18 @@ class Restless:
 
 
 def drive(folder: Path, steps: bool) -> tuple[dict[str, Any], dict[str, Any]]:
-    """A drive past two landmarks; its map and its survey."""
-    things = THINGS[:2]
+    """A drive past a landmark; its map and its survey."""
+    things = THINGS[:1]
     box = parked(lambda **options: Bench(folder, things, **options).up())
     try:
         box.device.set_clock(1_790_000_000_000)
         survey_id = box.device.start_drive(radius_m=0.15)["survey_id"]
         box.moving = True
-        for k, metres in enumerate((0.8, 1.6, 2.4, 3.2)):
+        for k, metres in enumerate((0.5, 1.0, 1.5, 2.0)):
             box.drive_to(metres)
             if steps:
                 box.device.set_clock(1_790_000_000_000 + (1 if k % 2 else -1) * YEAR_NS // 10**6)
-        box.drive_to(4.2)
+        box.drive_to(2.4)
         found = end(box, survey_id)
         return found, box.device.survey(survey_id)
     finally:
@@ -57,7 +57,7 @@ def test_a_year_either_way_changes_no_result(tmp_path: Path, monkeypatch: pytest
     stepped, survey = drive(tmp_path / "stepped", steps=True)
     assert restless.looks > 0, "somebody asks for the date, which is what this is about"
     for found in (plain, stepped):
-        check(found, 0.0, THINGS[:2])
+        check(found, 0.0, THINGS[:1])
     for one, other in zip(plain["landmarks"], stepped["landmarks"], strict=True):
         assert other["chainage_m"] == pytest.approx(one["chainage_m"], abs=0.03)
         assert other["clock"] == pytest.approx(one["clock"], abs=0.1)
