@@ -49,6 +49,7 @@ def main() -> None:
             calm = _stretch(port, paired, chosen.seconds / 2, None)
             hit = _stretch(port, paired, chosen.seconds, attack)
             lost += calm.lost + hit.lost
+            print(f"  {attack}: {len(hit.measured_s)} measurements, {hit.lost} lost, {hit.unanswered} unanswered", flush=True)
             threads, files = box.num_threads(), box.num_fds()
             rows.append(
                 (

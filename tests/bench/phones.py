@@ -40,7 +40,7 @@ PHONES = 8
 PICTURES_HZ = 5.0
 WANTED_AGE_S = 0.25
 WANTED_LOSS = 0.01
-START_LIMIT_S = 120.0
+START_LIMIT_S = 300.0
 
 
 # --- The phones ---
@@ -272,6 +272,7 @@ def rounds(port: int, pid: int, name: str, count: int, seconds: float) -> tuple[
             for with_phones in (False, True) if k % 2 == 0 else (True, False):
                 done = _round(survey, process, seconds, ours if with_phones else None)
                 (together if with_phones else alone).append(done)
+                print(f"  {'with' if with_phones else 'without'} phones: {done.rate_hz:.2f} frames/s", flush=True)
     finally:
         stop.set()
         keeper.join()
