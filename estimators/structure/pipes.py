@@ -6,6 +6,7 @@ them, with the direction in which its neighbours lie, is a whole hypothesis, and
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,7 @@ class PipeSettings:
     turning: float = 0.45
     doubt_offset: float = 0.010
     doubt_turn: float = 0.035
-    hypotheses: int = 220
+    hypotheses: int = 150
     least_points: int = 30
     most: int = 16
     bin: float = 0.02
@@ -63,6 +64,11 @@ def find_pipes(
         if segment is not None:
             taken |= on_it
             found.append(segment)
+        else:  # its like would fail as well
+            off = bases - bases[best]
+            off = off - (off @ directions[best])[:, None] * directions[best]
+            like = (np.abs(directions @ directions[best]) > 0.995) & (np.einsum("ij,ij->i", off, off) < 0.015**2)
+            fits[like] = False
     return merged(found), taken
 
 
@@ -77,8 +83,7 @@ def _hypotheses(moved: Array, rng: np.random.Generator, settings: PipeSettings) 
             continue
         patch = moved[near]
         centre = np.median(patch, axis=0)
-        _, vectors = np.linalg.eigh(np.cov(patch.T))
-        direction = vectors[:, 2]
+        direction = _principal(patch)
         # the patch may hold a second pipe: keep what is near the line, once more
         off = patch - moved[index]
         off -= (off @ direction)[:, None] * direction
@@ -86,12 +91,19 @@ def _hypotheses(moved: Array, rng: np.random.Generator, settings: PipeSettings) 
         if close.sum() >= 8:
             patch = patch[close]
             centre = patch.mean(axis=0)
-            _, vectors = np.linalg.eigh(np.cov(patch.T))
+            direction = _principal(patch)
         bases.append(centre)
-        directions.append(vectors[:, 2])
+        directions.append(direction)
     if not bases:
         return np.zeros((0, 3)), np.zeros((0, 3))
     return np.array(bases), np.array(directions)
+
+
+def _principal(patch: Array) -> Array:
+    """The direction (3,) in which points (n, 3) spread most."""
+    centred = patch - patch.mean(axis=0)
+    direction: Array = np.linalg.eigh(centred.T @ centred)[1][:, 2]
+    return direction
 
 
 def _fits(moved: Array, normals: Array, bases: Array, directions: Array, settings: PipeSettings) -> Mask:
@@ -241,9 +253,13 @@ def _chains(ordered: Array, gap: float) -> list[tuple[float, float]]:
 
 def _across(direction: Array) -> Array:
     """Two unit vectors (2, 3) at right angles to ``direction`` and to each other."""
-    first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(direction, first)])
+    # written out: numpy's cross product takes longer than all the rest of it, and this is called often
+    x, y, z = (float(value) for value in direction)
+    least = min(abs(x), abs(y), abs(z))
+    a, b, c = (0.0, z, -y) if abs(x) == least else (-z, 0.0, x) if abs(y) == least else (y, -x, 0.0)
+    length = math.sqrt(a * a + b * b + c * c)
+    a, b, c = a / length, b / length, c / length
+    return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
 
 
 def merged(segments: list[Segment], angle: float = 0.175, apart: float = 0.03, gap: float = 0.4) -> list[Segment]:
