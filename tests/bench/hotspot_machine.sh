@@ -45,6 +45,7 @@ cd "$REPOSITORY"
 "$PYTHON" -m device.cli serve --config /tmp/box.toml --data-dir /tmp/data >/tmp/box.log 2>&1 &
 box=$!
 begun=$(now)
+(while sleep 60; do echo "box: $(tail -n 1 /tmp/box.log)"; done) &
 wait_for "hotspot up" sends 240 || { nmcli device; nmcli connection; cat /tmp/nm.log; off; }
 result "hotspot|up|$(iw dev wlan0 info | tr -s '\n\t' ' ')"
 cat >/tmp/phone.conf <<X
