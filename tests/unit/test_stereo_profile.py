@@ -109,10 +109,10 @@ def test_the_interval_of_the_width_holds_as_often_as_it_says() -> None:
     held = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        points = cylinder(rng, 1500, noise=1.0)
+        points = cylinder(rng, 1500, noise=0.3)
         found = search_wall(points, rig(), rng)
         assert found is not None
-        wall = refine_wall(points, found[0], rig(), (2,), 1.0, 1500.0)
+        wall = refine_wall(points, found[0], rig(), (2,), 0.3, 1500.0)
         shape = shape_of(wall, np.ones(360, bool), np.linspace(-np.pi, np.pi, 360, endpoint=False))
         assert shape.width is not None
         held += shape.width.interval[0] <= 2 * R <= shape.width.interval[1]
