@@ -169,7 +169,9 @@ class Device:
             log.warning("%d drive(s) were cut off when the box last stopped and are kept as far as they went", interrupted)
         purged = self._store.surveys.purge(self.settings.purge_days)
         if purged:
-            log.info("%d survey(s) deleted more than %d days ago were removed", purged, self.settings.purge_days)
+            log.info("%d survey(s) deleted more than %d days ago were removed", len(purged), self.settings.purge_days)
+        for survey in purged:
+            self._shelf.remove(survey)
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
         self._live.start()
