@@ -20,9 +20,7 @@ class PipeSettings:
     """``least_length`` is the paper's; ``tolerance``: distance of a moved point from the axis; ``noise``: of a point of the
     thinned cloud (m), for the covariance; ``gap``: length without surface beyond which a pipe is two; a ``least_piece`` of
     surface counts. ``floor_offset`` (m) and ``floor_turn`` (rad): what no number of points takes away;
-    ``doubt_offset`` and ``doubt_turn`` where less than ``clean_share`` of what is seen is plain pipe;
-    a surface whose normals turn less than ``turning`` times as fast as its points go round the axis is no pipe of this
-    radius (0.85 on a pipe across the view, 0.5 on one along it, 0.4 on a cylinder of 160 mm)."""
+    ``doubt_offset`` and ``doubt_turn`` where less than ``clean_share`` of what is seen is plain pipe."""
 
     radius: float = PIPE_RADIUS
     least_length: float = 0.30
@@ -33,10 +31,9 @@ class PipeSettings:
     floor_offset: float = 0.0012
     floor_turn: float = 0.0015
     clean_share: float = 0.6
-    turning: float = 0.45
     doubt_offset: float = 0.010
     doubt_turn: float = 0.035
-    hypotheses: int = 150
+    hypotheses: int = 220
     least_points: int = 30
     most: int = 16
     bin: float = 0.02
@@ -67,7 +64,7 @@ def find_pipes(
         else:  # its like would fail as well
             off = bases - bases[best]
             off = off - (off @ directions[best])[:, None] * directions[best]
-            like = (np.abs(directions @ directions[best]) > 0.995) & (np.einsum("ij,ij->i", off, off) < 0.015**2)
+            like = (np.abs(directions @ directions[best]) > 0.9995) & (np.einsum("ij,ij->i", off, off) < 0.004**2)
             fits[like] = False
     return merged(found), taken
 
@@ -165,8 +162,6 @@ def _refined(
     stretch = relative @ direction
     off = relative - stretch[:, None] * direction
     _, jacobian = _linearised(off, np.linalg.norm(off, axis=1), stretch, direction, settings.radius)
-    if _turning(off, normals[fit], centre, direction) < settings.turning:
-        return None, nothing
     information = jacobian.T @ jacobian / settings.noise**2 + np.eye(4)
     # where fittings outweigh the pipe, which slices are the pipe's is itself a guess
     doubtful = len(np.unique(np.floor((along[fit] - low) / settings.bin))) < settings.clean_share * len(filled)
@@ -181,16 +176,6 @@ def _linearised(off: Array, distance: Array, along: Array, direction: Array, rad
     """Distances (N,) from the surface and their derivatives (N, 4) by offset and turn of the axis."""
     slope = -off @ _across(direction).T / distance[:, None]
     return distance - radius, np.column_stack([slope, slope * along[:, None]])
-
-
-def _turning(off: Array, normals: Array, centre: Array, direction: Array) -> float:
-    """How fast the normals turn with the place around the axis: 1 on a cylinder of the known radius, less on a thicker one."""
-    facing = -(centre - (centre @ direction) * direction)
-    facing /= max(float(np.linalg.norm(facing)), 1e-9)
-    side = np.cross(direction, facing)
-    place, normal = (np.arctan2(vectors @ side, vectors @ facing) for vectors in (off, normals))
-    spread = place - place.mean()
-    return float(spread @ (normal - normal.mean()) / max(float(spread @ spread), 1e-9))
 
 
 def _clean(
