@@ -94,8 +94,8 @@ class Watchdog:
 class Keeper:
     """One thread between the box and systemd.
 
-    READY is told when ``ready`` is true; how long that may take is the unit's TimeoutStartSec. Then WATCHDOG is told at a third of its period, only while no loop of ``turns`` is late, with
-    ``status`` as the status line.
+    READY is told when ``ready`` is true; how long that may take is the unit's TimeoutStartSec. Then WATCHDOG is told at a third
+    of its period, only while no loop of ``turns`` is late, with ``status`` as the status line.
     """
 
     def __init__(

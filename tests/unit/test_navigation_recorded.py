@@ -66,9 +66,7 @@ def test_a_log_without_attitude_and_no_log_at_all(tmp_path: Path) -> None:
 
 
 POINTS = np.array([[0.5, -0.25, 2.0], [1.0, 0.0, 3.0], [-1.0, 0.5, 2.5]])
-PCD = (
-    "# .PCD v0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA "
-)
+PCD = "# .PCD v0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA "
 
 
 def test_pcd_as_text_and_binary(tmp_path: Path) -> None:
