@@ -84,7 +84,9 @@ def test_files_are_taken_home(watch: Callable[..., Watched]) -> None:
 
 def test_a_deleted_report_comes_back(watch: Callable[..., Watched]) -> None:
     page = watch(390, 844).open("/inspections/1")
-    page.wait_for_load_state("networkidle")  # a photo that is asked for after the deletion is not there any more
+    # a photo that is asked for after the deletion is not there any more: let all of them come first
+    page.evaluate("document.querySelectorAll('img').forEach((img) => { img.loading = 'eager'; })")
+    page.wait_for_function("[...document.images].every((img) => img.complete)")
     page.on("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="Delete this report").click()
     expect(page.get_by_text("Report 1 was deleted")).to_be_visible()
