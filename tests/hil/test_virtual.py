@@ -91,13 +91,22 @@ def test_a_fault_while_aiming_is_shown_and_outlived(box: VirtualBench, fault: st
     box.wait_for("live")
 
 
-@pytest.mark.parametrize("fault", ["partial blackout", "garbage", "slow"])
+@pytest.mark.parametrize("fault", ["partial blackout", "slow"])
 def test_a_fault_that_leaves_pictures_leaves_the_camera_up(box: VirtualBench, fault: str) -> None:
     box.up()
     box.faults.trigger(fault)
     before = box.device.status()["cameras"][0]["frames"]
     box.wait_for("status", lambda data: stereo(data)["frames"] > before + 4)
     assert box.device.status()["cameras"][0]["reconnects"] == 0
+
+
+def test_a_camera_that_sends_garbage_is_declared_and_recovers(box: VirtualBench) -> None:
+    box.up()
+    box.faults.trigger("garbage")
+    box.wait_for("status", lambda data: stereo(data)["state"] != "up")
+    assert box.device.status()["cameras"][0]["bad_frames"] > 0
+    box.faults.end("garbage")
+    box.wait_for("status", lambda data: stereo(data)["state"] == "up")
 
 
 def test_garbage_is_never_accepted(box: VirtualBench) -> None:
