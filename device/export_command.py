@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import json
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +15,7 @@ from device.clock import Clock
 from device.config import load_settings
 from device.durable import write_whole
 from device.errors import Invalid
+from device.export.archive import MANIFEST
 from device.export.formats import NAMES
 from device.export.wording import LANGUAGES
 from device.inspections.demo import demo_inspection
@@ -38,6 +42,10 @@ def export_inspection(
         desk = Desk(store, clock)
         data, _, _ = desk.export(number, name, language, imperial)
         found = desk.get(number)["faults"]
+    if name == "zip":
+        with zipfile.ZipFile(io.BytesIO(data)) as packed:
+            left_out = json.loads(packed.read(MANIFEST))["left_out"]
+        found = [*found, *(f"{part} was left out: {reason}" for part, reason in left_out.items())]
     for fault in found:
         click.echo(f"borescout: note: {fault}", err=True)
     try:

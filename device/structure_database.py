@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from drivers.virtual.chamber.objects import CLASSES, PORTS, WITH_HANDLE, solids_of
 from drivers.virtual.chamber.solids import Cylinder, Solid, cast
-from estimators.structure.fusion import fused
 from estimators.structure.mapper import Knowledge
 from estimators.structure.objects import ObjectSettings
-from estimators.structure.recognition import DescriptorSettings, Views, describe, nearest_class
+from estimators.structure.recognition import DescriptorSettings, Views, describe
 from estimators.structure.types import PIPE_RADIUS
 
 Array = NDArray[np.float64]
@@ -77,38 +76,6 @@ def views(settings: DescriptorSettings | None = None) -> Views:
     return Views(np.concatenate(histograms), np.array(labels), np.array(directions))
 
 
-def confusions(base: Views, noise_m: float, count: int, rng: np.random.Generator, together: int = 6) -> tuple[Array, Array]:
-    """P(recognised | actual) (6, 6) from ``count`` views of each class that are not in the data base, seen with range noise:
-    by one scan, and by ``together`` scans from about the same place. Every recognition is given half a view more than it
-    had, so that nothing is impossible."""
-    single, together_seen = np.full((2, len(CLASSES), len(CLASSES)), 0.5)
-    for actual, label in enumerate(CLASSES):
-        for _ in range(count):
-            is_open = bool(rng.integers(2)) if label in WITH_HANDLE else True
-            direction = rng.normal(size=3)
-            roll, distance = rng.uniform(0, 2 * np.pi), rng.uniform(2.0, 3.5)
-            clean = looked_at(label, is_open, direction / np.linalg.norm(direction), roll, distance)
-            clouds = [_noisy(clean, noise_m, rng) for _ in range(together)]
-            for table, cloud in ((single, clouds[0]), (together_seen, fused(clouds))):
-                found = describe(cloud)
-                if found is not None:
-                    table[actual, nearest_class(found, base)[0]] += 1
-    return single / single.sum(axis=1, keepdims=True), together_seen / together_seen.sum(axis=1, keepdims=True)
-
-
-def _noisy(cloud: Array, noise_m: float, rng: np.random.Generator) -> Array:
-    ranges = np.linalg.norm(cloud, axis=1, keepdims=True)
-    noisy: Array = cloud * (1 + rng.normal(0.0, noise_m, (len(cloud), 1)) / ranges)
-    return noisy
-
-
-def make_knowledge(noise_m: float = 0.005, count: int = 40, seed: int = 7) -> Knowledge:
-    """Data base and confusion matrices, computed."""
-    base = views()
-    single, together = confusions(base, noise_m, count, np.random.default_rng(seed))
-    return Knowledge(base, single, together)
-
-
 def save_knowledge(knowledge: Knowledge, path: Path) -> None:
     """As a file for ``shipped_knowledge``."""
     np.savez_compressed(
@@ -123,7 +90,7 @@ def save_knowledge(knowledge: Knowledge, path: Path) -> None:
 
 @cache
 def shipped_knowledge() -> Knowledge:
-    """What comes with the box; ``python -m tests.bench.structure_recognition --fit`` makes it anew."""
+    """What comes with the box; ``python -m tests.bench.structure_fit --save FILE`` makes it anew."""
     with resources.files("device").joinpath("data/structure/knowledge.npz").open("rb") as file, np.load(file) as saved:
         base = Views(saved["histograms"].astype(float), saved["labels"].astype(np.intp), saved["directions"])
         return Knowledge(base, saved["confusion"], saved["fused_confusion"])

@@ -5,9 +5,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from device.export.formats import NAMES
 from web_ui.bodies import MAX_ID, Body, Direction, Id, Line, Name, Note, one_line
 
-FORMATS = ("pdf", "zip", "isybau", "en13508", "pacp", "geojson", "csv", "json", "ply", "gltf")
+FORMATS = ("pdf", "zip", *(name for name in NAMES if name not in ("pdf", "zip")))
+"""In the order of the page: what most people want first."""
 Operator = Annotated[str, Field(max_length=40), AfterValidator(one_line)]
 Method = Literal["crawler", "rod", "pushrod", "manhole"]
 Station = Annotated[float, Field(ge=0, lt=1000, allow_inf_nan=False, description="m from the start node")]

@@ -12,6 +12,7 @@ from device.export.base import Options
 from device.inspections.model import Inspection
 from device.json_text import dumps
 
+MANIFEST = "manifest.json"
 _MOMENT = (1980, 1, 1, 0, 0, 0)
 """The same content gives the same file: times of packing say nothing of the inspection."""
 Parts = Mapping[str, Callable[[Inspection, Options], Mapping[str, bytes]]]
@@ -37,7 +38,7 @@ def archive(inspection: Inspection, options: Options, parts: Parts) -> bytes:
         ],
         "left_out": left_out,
     }
-    files["manifest.json"] = (dumps(manifest) + "\n").encode()
+    files[MANIFEST] = (dumps(manifest) + "\n").encode()
     whole = io.BytesIO()
     with zipfile.ZipFile(whole, "w") as packed:
         for name in sorted(files):

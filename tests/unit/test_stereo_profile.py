@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators.pinhole import Intrinsics
-from estimators.radial_profile.cone import apex
+from estimators.radial_profile.cone import apex, own_offset_std
 from estimators.radial_profile.ends import longest_run, wall_ends
 from estimators.radial_profile.fit import Wall, WallPoints, refine_wall, search_wall
 from estimators.radial_profile.model import design, parameters, profile_at
@@ -92,8 +92,7 @@ def test_the_cone_tells_offset_and_vanishing_point_whatever_offset_was_assumed(
     assert found is not None
     wall = refine_wall(points, found[0], assumed, (2, 3, 4, 5, 6), 1.0, 500.0)
     cone = apex(wall, np.linspace(-np.pi, np.pi, 120, endpoint=False))
-    # the robust refit leaves a bias of some 0.6 px: its own standard deviation does not tell of it
-    assert cone.offset_px == pytest.approx(offset, abs=2.0)
+    assert abs(cone.offset_px - offset) < 3 * own_offset_std(cone, wall, 1.0)  # what the device states of it
     assert (cone.u_px, cone.v_px) == (pytest.approx(u, abs=4.0), pytest.approx(v, abs=4.0))
 
 
@@ -106,14 +105,23 @@ def test_few_harmonics_are_kept_where_more_bring_nothing() -> None:
     assert wall.harmonics <= 2
 
 
-def test_the_interval_of_the_width_holds_as_often_as_it_says() -> None:
+@pytest.mark.parametrize(
+    "noise",
+    [
+        0.3,
+        pytest.param(
+            1.0, marks=pytest.mark.xfail(strict=True, reason="the robust refit is biased by noise: 30 of 40 intervals hold")
+        ),
+    ],
+)
+def test_the_interval_of_the_width_holds_as_often_as_it_says(noise: float) -> None:
     held = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        points = cylinder(rng, 1500, noise=0.3)
+        points = cylinder(rng, 1500, noise=noise)
         found = search_wall(points, rig(), rng)
         assert found is not None
-        wall = refine_wall(points, found[0], rig(), (2,), 0.3, 1500.0)
+        wall = refine_wall(points, found[0], rig(), (2,), noise, 1500.0)
         shape = shape_of(wall, np.ones(360, bool), np.linspace(-np.pi, np.pi, 360, endpoint=False))
         assert shape.width is not None
         held += shape.width.interval[0] <= 2 * R <= shape.width.interval[1]
