@@ -9,6 +9,7 @@ from playwright.sync_api import Page, expect
 from tests.browser.conftest import Watched
 from tests.browser.fake_device import FakeDevice
 from tests.browser.fake_drive import SLIP
+from tests.waiting import wait_until
 from web_ui.wording import CLASSES
 
 POLLS = "(() => { window.EventSource = undefined; delete window.EventSource; })()"
@@ -203,10 +204,10 @@ def test_a_heatmap_is_chosen_and_given_up(screen: Watched, device: FakeDevice) -
     assert page.locator("#cctv").evaluate(RED_PIXELS) == 0
     with page.expect_response(lambda response: "heatmap=displaced%20joint" in response.url and response.status == 200):
         choice.select_option("displaced joint")
-    page.wait_for_function(f"({RED_PIXELS})(document.getElementById('cctv')) > 1000")
+    wait_until(lambda: page.locator("#cctv").evaluate(RED_PIXELS) > 1000)
     with page.expect_response(lambda response: "picture.jpg" in response.url and "heatmap" not in response.url):
         choice.select_option("")
-    page.wait_for_function(f"({RED_PIXELS})(document.getElementById('cctv')) === 0")
+    wait_until(lambda: page.locator("#cctv").evaluate(RED_PIXELS) == 0)
 
 
 def test_the_counter_is_set_zeroed_and_calibrated(screen: Watched, device: FakeDevice) -> None:

@@ -14,6 +14,7 @@ from device.store import Store
 from tests.browser.conftest import Watched
 from tests.browser.serving import served
 from tests.hil.rig import Bench, PipeCamera
+from tests.waiting import wait_until
 from web_ui.app import create_app
 
 
@@ -86,7 +87,7 @@ def test_a_deleted_report_comes_back(watch: Callable[..., Watched]) -> None:
     page = watch(390, 844).open("/inspections/1")
     # a photo that is asked for after the deletion is not there any more: let all of them come first
     page.evaluate("document.querySelectorAll('img').forEach((img) => { img.loading = 'eager'; })")
-    page.wait_for_function("[...document.images].every((img) => img.complete)")
+    wait_until(lambda: page.evaluate("[...document.images].every((img) => img.complete)"))
     page.on("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="Delete this report").click()
     expect(page.get_by_text("Report 1 was deleted")).to_be_visible()

@@ -32,6 +32,7 @@ from drivers.grabber.base import FrameGrabber, VideoFrame
 from estimators.detections import Detection
 from estimators.landmarks.projection import PipeCamera, View, project
 from tests.pairing import PIN
+from tests.waiting import wait_until
 
 CAMERA = PipeCamera(170.0, 170.0, 0.15, 240, 192)
 CENTRE = (119.5, 95.5)
@@ -112,10 +113,7 @@ class Bench:
 
     @staticmethod
     def wait(condition: Callable[[], Any], within_s: float = 30.0) -> None:
-        deadline = time.monotonic() + within_s
-        while not condition():
-            assert time.monotonic() < deadline, "it did not happen in time"
-            time.sleep(0.01)
+        wait_until(condition, within_s)
 
     def close(self) -> None:
         self.device.close()

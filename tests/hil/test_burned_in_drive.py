@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import cv2
@@ -19,6 +18,7 @@ from drivers.encoder.osd import OsdReader, OsdText
 from tests.hil.crawler_rig import CAMERA, PipePictures
 from tests.pairing import PIN
 from tests.unit.osd_pictures import as_read
+from tests.waiting import wait_until
 
 FPS, FRAMES, STEP_M = 20.0, 200, 0.02
 
@@ -54,17 +54,17 @@ def test_a_drive_is_placed_by_the_distance_in_its_pictures(run: Path, tmp_path: 
     box = Device(settings, feeds=[], pool=WorkerPool(1), clock=Clock(tmp_path / "x"))
     box.start()
     try:
-        _wait(lambda: box.drive()["grabber"]["state"] == "up")
+        wait_until(lambda: box.drive()["grabber"]["state"] == "up", 40.0)
         assert box.drive()["available"]
         survey_id = box.start_drive()["survey_id"]
-        _wait(lambda: (box.drive()["chainage_m"] or 0.0) > 2.0)
+        wait_until(lambda: (box.drive()["chainage_m"] or 0.0) > 2.0, 40.0)
         state = box.drive()
         assert state["speed_mps"] == pytest.approx(STEP_M * FPS, abs=0.15)
         assert "no_distance" not in [prompt["code"] for prompt in state["prompts"]]
         mark = box.mark_landmark("patch", 4.0, "")
         assert mark["chainage_m"] == pytest.approx(box.drive()["chainage_m"], abs=0.3)
         box.end_drive()
-        _wait(lambda: box.drive()["state"] == "idle")
+        wait_until(lambda: box.drive()["state"] == "idle", 40.0)
         found = box.survey_map(survey_id)
         assert found["state"] == "saved"
         assert found["frames"] > 20
@@ -73,11 +73,3 @@ def test_a_drive_is_placed_by_the_distance_in_its_pictures(run: Path, tmp_path: 
         assert found["to_m"] - found["from_m"] < (found["seconds"] + 1.0) * STEP_M * FPS
     finally:
         box.close()
-
-
-def _wait(condition: object, within_s: float = 40.0) -> None:
-    assert callable(condition)
-    deadline = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -59,8 +60,9 @@ def test_a_year_either_way_changes_no_result(tmp_path: Path, monkeypatch: pytest
     for found in (plain, stepped):
         check(found, 0.0, THINGS[:1])
     for one, other in zip(plain["landmarks"], stepped["landmarks"], strict=True):
-        assert other["chainage_m"] == pytest.approx(one["chainage_m"], abs=0.03)
-        assert other["clock"] == pytest.approx(one["clock"], abs=0.1)
+        # two drives in real time see other pictures of the same pipe: they agree as far as both say that they are sure
+        for value, sigma in (("chainage_m", "sigma_chainage_m"), ("clock", "sigma_clock")):
+            assert abs(other[value] - one[value]) < 3 * math.hypot(one[sigma], other[sigma]), value
     assert 0 < stepped["seconds"] < 300, "it took what it took, not a year"
     assert survey["created"] == iso(1_790_000_000_000), "it was begun when it was begun"
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,14 +34,6 @@ def cctv(number: int, size: tuple[int, int] = (48, 64)) -> Picture:
 def reading(number: int) -> Reading:
     """A counter that goes on."""
     return Reading(0.1 * number, 1000 * number, "m", 0.1, tension=2.5)
-
-
-def wait_until(condition: Callable[[], Any], within_s: float = 20.0) -> None:
-    """Fails where it does not happen."""
-    deadline = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.005)
 
 
 def recording(folder: Path, pictures: int = 12, take: int = 1, survey: int = 7) -> Path:

@@ -23,7 +23,8 @@ from device.recorder.recovery import check
 from device.recorder.samples import Words, as_recorded, decoded, picture
 from drivers.depth.base import DepthFrame
 from drivers.grabber.base import VideoFrame
-from tests.unit.recorder_samples import CAMERA, cctv, depth_frame, reading, recording, wait_until
+from tests.unit.recorder_samples import CAMERA, cctv, depth_frame, reading, recording
+from tests.waiting import wait_until
 
 ROOMY = 10_000 * MB
 

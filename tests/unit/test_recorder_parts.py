@@ -24,7 +24,8 @@ from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.frame import FrameEstimate, estimate_frame
 from tests.unit.analytic_scenes import SMALL, cylinder, to_depth
-from tests.unit.recorder_samples import depth_frame, wait_until
+from tests.unit.recorder_samples import depth_frame
+from tests.waiting import wait_until
 
 
 def frame(number: int) -> VideoFrame:
