@@ -11,6 +11,25 @@ function showNews(count) {
   setText(byId("news-count"), count === 1 ? "One thing" : `${count} things`);
 }
 
+// On a phone the surveys are behind one button of the bar; a wide bar shows them all, and the button is gone.
+function startMenu() {
+  const menu = document.getElementById("surveys");
+  if (!menu) return;
+  const button = byId("surveys-open");
+  const open = (wanted) => {
+    menu.toggleAttribute("data-open", wanted);
+    button.setAttribute("aria-expanded", String(wanted));
+  };
+  button.addEventListener("click", () => open(!menu.hasAttribute("data-open")));
+  document.addEventListener("click", (event) => !menu.contains(event.target) && open(false));
+  menu.addEventListener("focusout", (event) => event.relatedTarget && !menu.contains(event.relatedTarget) && open(false));
+  menu.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    open(false);
+    button.focus();
+  });
+}
+
 export function startShell({ live = null } = {}) {
   const feed = new Feed(live ? { live } : { live: null, pollMs: 2000 });
   let status = null;
@@ -32,6 +51,7 @@ export function startShell({ live = null } = {}) {
     if (event.persisted) feed.start();
   });
   startControl(feed);
+  startMenu();
   feed.start();
   offerClock();
   return feed;
