@@ -13,7 +13,7 @@ run: venv
 	$(BIN)/borescout serve --virtual $(RUN_ARGS)
 
 test: dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 soak: dev
 	$(BIN)/python -m tests.bench.soak $(SOAK_ARGS)

@@ -27,14 +27,15 @@ CCTV_FPS = 8.0
 
 
 class FaultyBox:
-    """The box from outside. ``folder`` keeps what it writes; to be closed."""
+    """The box from outside. ``folder`` keeps what it writes, ``live_hz`` are the estimates and ``fps`` the CCTV
+    pictures that it makes in a second; to be closed."""
 
-    def __init__(self, folder: Path, *settings: str) -> None:
+    def __init__(self, folder: Path, live_hz: float = 4.0, fps: float = CCTV_FPS) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.log = folder / "log.txt"
         self._log = self.log.open("w")
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "tests.bench.faulty_box", str(folder / "data"), *settings],
+            [sys.executable, "-m", "tests.bench.faulty_box", str(folder / "data"), str(live_hz), str(fps)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
@@ -46,7 +47,7 @@ class FaultyBox:
             raise SystemExit(f"The box did not start, see {self.log}.")
         self.port = int(line)
         self.process = psutil.Process(self._child.pid)
-        self._pass: Pass = pair(self.port)
+        self.paired: Pass = pair(self.port)
 
     @property
     def alive(self) -> bool:
@@ -65,7 +66,7 @@ class FaultyBox:
         """The answer as JSON, bytes of a picture, or None for 204. Raises AssertionError for anything but success."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout_s)
         try:
-            headers = {"Content-Type": "application/json", **self._pass.headers}
+            headers = {"Content-Type": "application/json", **self.paired.headers}
             connection.request(method, f"/api/v1{path}", json.dumps(body) if body is not None else None, headers)
             answer = connection.getresponse()
             data = answer.read()
@@ -96,7 +97,7 @@ class FaultyBox:
         def run() -> None:
             connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
             with contextlib.suppress(OSError, http.client.HTTPException):
-                connection.request("GET", "/api/v1/events", headers=self._pass.headers)
+                connection.request("GET", "/api/v1/events", headers=self.paired.headers)
                 answer = connection.getresponse()
                 end = time.monotonic() + seconds
                 while time.monotonic() < end and answer.read1(65536):
@@ -125,16 +126,16 @@ class FaultyBox:
 
 
 @contextlib.contextmanager
-def faulty_box(folder: Path, *settings: str) -> Iterator[FaultyBox]:
+def faulty_box(folder: Path, live_hz: float = 4.0, fps: float = CCTV_FPS) -> Iterator[FaultyBox]:
     """A box for as long as the block lasts."""
-    box = FaultyBox(folder, *settings)
+    box = FaultyBox(folder, live_hz, fps)
     try:
         yield box
     finally:
         box.close()
 
 
-def _serve(folder: Path, live_hz: float) -> None:
+def _serve(folder: Path, live_hz: float, fps: float) -> None:
     import logging
     import signal
 
@@ -153,7 +154,7 @@ def _serve(folder: Path, live_hz: float) -> None:
     settings = Settings(data_dir=folder, cameras=("virtual",), pin=PIN, live_hz=live_hz)
     device = Device(
         settings,
-        crawler=lambda store: virtual_crawler(1, store, lambda: None, (scripts["grabber"], scripts["encoder"]), CCTV_FPS),
+        crawler=lambda store: virtual_crawler(1, store, lambda: None, (scripts["grabber"], scripts["encoder"]), fps),
     )
     server = make_server(create_app(device), "127.0.0.1", 0)
 
@@ -182,4 +183,4 @@ def _serve(folder: Path, live_hz: float) -> None:
 
 
 if __name__ == "__main__":
-    _serve(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 4.0)
+    _serve(Path(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]))

@@ -1,7 +1,9 @@
-"""Eight phones at `borescout serve --virtual` while a survey runs: how old events are on the page, what the survey loses.
+"""Eight phones at a virtual box while a survey runs: how old events are on the page, what the survey loses.
 
-    python -m tests.bench.phones [--rounds 6] [--seconds 20] [--survey drive]
+    python -m tests.bench.phones [--rounds 6] [--seconds 20] [--survey drive] [--fps 8]
 
+The box draws what its cameras see: 25 pictures a second take a core, which no box in a sewer pays. With eight a second the
+survey is paced by its camera, as there, and not by the drawing; ``--fps 25`` shows a machine that is full before they come.
 Each phone has a session, a stream of events, and fetches the picture five times a second, as the page does. Rounds without and
 with phones alternate, so that what else the machine does falls on both; the loss is the median over neighbouring rounds. The
 phones are one process of their own, at a lower priority: their cost is not the box's.
@@ -28,7 +30,7 @@ from typing import Any
 import numpy as np
 import psutil
 
-from tests.bench.daemon import running
+from tests.bench.faulty_box import CCTV_FPS, FaultyBox, faulty_box
 from tests.bench.real_data import fail
 from tests.bench.table import print_table
 from tests.browser.fake_device import FakeDevice
@@ -251,11 +253,11 @@ def _cpu_s(process: psutil.Process) -> float:
     return sum(sum(one.cpu_times()[:2]) for one in (process, *process.children(recursive=True)))
 
 
-def rounds(port: int, pid: int, name: str, count: int, seconds: float) -> tuple[list[Round], list[Round]]:
+def rounds(box: FaultyBox, name: str, count: int, seconds: float) -> tuple[list[Round], list[Round]]:
     """Rounds without and with phones, in turns, each pair in another order than the one before."""
-    controller = pair(port, name="Controller")
+    port = box.port
     passes = [pair(port, name=f"Phone {k}") for k in range(PHONES)]
-    survey = SURVEYS[name](port, controller)
+    survey = SURVEYS[name](port, box.paired)
     ours, theirs = multiprocessing.get_context("spawn").Pipe()
     phones = multiprocessing.get_context("spawn").Process(
         target=_phones, args=(theirs, port, passes, survey.event, survey.picture), daemon=True
@@ -265,7 +267,7 @@ def rounds(port: int, pid: int, name: str, count: int, seconds: float) -> tuple[
     keeper = threading.Thread(target=survey.run, args=(stop,), daemon=True)
     keeper.start()
     _until(lambda: bool(survey.frames() > 20))
-    process = psutil.Process(pid)
+    process = box.process
     alone, together = [], []
     try:
         for k in range(count):
@@ -341,12 +343,13 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--survey", choices=SURVEYS, default="drive")
+    parser.add_argument("--fps", type=float, default=CCTV_FPS, help="CCTV pictures a second")
     chosen = parser.parse_args()
     with (
         tempfile.TemporaryDirectory(prefix="borescout-phones-") as folder,
-        running(Path(folder), ["--virtual"]) as (process, port),
+        faulty_box(Path(folder), fps=chosen.fps) as box,
     ):
-        alone, together = rounds(port, process.pid, chosen.survey, chosen.rounds, chosen.seconds)
+        alone, together = rounds(box, chosen.survey, chosen.rounds, chosen.seconds)
     _report(alone, together, chosen.seconds)
     before, after, got = serving(chosen.seconds)
     pictures = sum(len(phone.pictures) for phone in got)

@@ -14,7 +14,7 @@ from tests.bench.sensor_faults import one_fault
 @pytest.fixture(scope="module")
 def box(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FaultyBox]:
     folder: Path = tmp_path_factory.mktemp("box")
-    with faulty_box(folder, "2") as box:
+    with faulty_box(folder, live_hz=2.0) as box:
         box.ask("/drive", "POST", {"direction": "downstream"})
         yield box
         assert box.alive, box.log.read_text()[-2000:]

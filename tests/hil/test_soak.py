@@ -9,7 +9,7 @@ from tests.bench.soak import Soak
 
 
 def test_nothing_piles_up(tmp_path: Path) -> None:
-    with faulty_box(tmp_path, "2") as box:
+    with faulty_box(tmp_path, live_hz=2.0) as box:
         assert box.wait(lambda: box.sensor("camera")["state"] == "up", 60)
         run = Soak(box, minutes=0.35, fault_every_s=5.0, drive_s=5.0).go()
     assert run.alive, box.log.read_text()[-2000:]
