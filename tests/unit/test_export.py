@@ -14,7 +14,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pyogrio
 import pytest
+import shapely
 import trimesh
 from hypothesis import HealthCheck, given, settings
 from pypdf import PdfReader
@@ -197,6 +199,19 @@ def test_geojson_places_observations_between_the_nodes() -> None:
     half = next(p for p in points if p["properties"]["code"] == "BAA")["geometry"]["coordinates"]
     assert math.dist(half, (east, north)) < math.dist(half, (west, south))
     assert [p["properties"]["kind"] for p in points].count("deviation") == 1
+
+
+def test_gdal_reads_the_geojson(tmp_path: Path) -> None:
+    data, name, _ = export("geojson", whole(), OPTIONS)
+    (tmp_path / name).write_bytes(data)
+    about, _, shapes, fields = pyogrio.raw.read(tmp_path / name)
+    wanted = json.loads(data)["features"]
+    assert about["crs"] == "EPSG:4326"
+    read = dict(zip(about["fields"], fields, strict=True))
+    assert list(read["kind"]) == [feature["properties"]["kind"] for feature in wanted]
+    for shape, feature in zip(shapely.from_wkb(shapes), wanted, strict=True):
+        assert shapely.geometry.mapping(shape)["type"] == feature["geometry"]["type"]
+        assert shape.equals_exact(shapely.geometry.shape(feature["geometry"]), 1e-9)
 
 
 @pytest.mark.parametrize(
