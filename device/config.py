@@ -73,6 +73,38 @@ class MachineSettings(BaseModel):
     """NetworkManager's name of the hotspot, to be watched and restored; empty where this box has none."""
 
 
+ScannerKind = Literal["none", "camera", "virtual"]
+
+
+class StructureSettings(BaseModel):
+    """What maps a chamber: a scanner and the navigation of what carries it. The table ``[structure]``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    scanner: ScannerKind = "none"
+    """"camera": scans are pictures of the box's first depth camera; "virtual": a chamber with all of its sensors."""
+    scan_hz: float = Field(0.5, gt=0, le=5)
+    """Scans a second taken from the depth camera."""
+    dvl: Literal["none", "waterlinked"] = "none"
+    dvl_port: str = ""
+    pressure: Literal["none", "nmea"] = "none"
+    pressure_port: str = ""
+    ahrs: Literal["none", "vectornav", "xsens"] = "none"
+    ahrs_port: str = ""
+    options: dict[str, dict[str, int | float]] = {}
+    """Further arguments of the drivers, by "dvl", "pressure" and "ahrs": baud, density ..."""
+    tilt_deg: float = Field(0.0, ge=-90, le=90)
+    """How far the scanner looks down."""
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of the scanner from the vehicle's centre: forward, right, down."""
+    pipe_radius_m: float = Field(0.0315, ge=0.01, le=0.064)
+    """Outer radius of the pipes."""
+    upright: bool = False
+    """Pipes are horizontal or vertical: what is neither is left out."""
+    file: Path | None = None
+    """With the virtual scanner: a structure file; the paper's structure where it is not given."""
+
+
 LampKind = Literal["none", "gpiozero", "virtual"]
 
 
@@ -84,6 +116,27 @@ class LampSettings(BaseModel):
     driver: LampKind = "none"
     options: dict[str, int | float] = {}
     """Further arguments of the driver, by name: pin, hz."""
+
+
+StereoKind = Literal["none", "replay", "virtual"]
+
+
+class StereoSettings(BaseModel):
+    """The stereo camera of the anomaly survey. The table ``[stereo]``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    driver: StereoKind = "none"
+    source: Path | None = None
+    """Folder of recorded pairs, for the driver "replay"."""
+    calibration: Path | None = None
+    """A file of ``borescout calibrate stereo``."""
+    pairs: int = Field(3, ge=1, le=20)
+    """Pairs of one scan: what shows in one of them alone is not told as a finding."""
+    rate_hz: float = Field(2.0, gt=0, le=30)
+    """Pairs a second of a recording and of the virtual camera."""
+    hold_s: float = Field(30.0, gt=0)
+    """How long each pair of a recording stays, and the virtual camera at each place."""
 
 
 class AutonomySettings(BaseModel):
@@ -166,7 +219,9 @@ class Settings(BaseModel):
     crawler: CrawlerSettings = Field(default_factory=lambda: CrawlerSettings.model_validate({}))
     autonomy: AutonomySettings = Field(default_factory=lambda: AutonomySettings.model_validate({}))
     recording: RecordingSettings = Field(default_factory=lambda: RecordingSettings.model_validate({}))
+    structure: StructureSettings = Field(default_factory=lambda: StructureSettings.model_validate({}))
     lamp: LampSettings = Field(default_factory=lambda: LampSettings.model_validate({}))
+    stereo: StereoSettings = Field(default_factory=lambda: StereoSettings.model_validate({}))
     machine: MachineSettings = Field(default_factory=lambda: MachineSettings.model_validate({}))
     virtual_description: Path | None = None
     """JSON file that describes the virtual sewer instead, with its faults."""

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from typing import Generic
 
 from device.reader import FeedState, FeedTiming, Reader
-from device.samples import DEPTH, TETHER, VIDEO, S, Sampling, Source
+from device.samples import DEPTH, STEREO, TETHER, VIDEO, S, Sampling, Source
 from device.tap import Relay, Tap
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
+from drivers.stereo.base import StereoFrame
 
 log = logging.getLogger(__name__)
 
@@ -276,6 +277,22 @@ class GrabberFeed(Feed[VideoFrame]):
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(name, kind, make, VIDEO, recorded=recorded, on_demand=on_demand, timing=timing, on_change=on_change)
+
+
+class StereoFeed(Feed[StereoFrame]):
+    """A stereo camera kept alive, and only read while somebody looks or scans."""
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        make: Callable[[], Source[StereoFrame]],
+        *,
+        recorded: bool = False,
+        timing: FeedTiming | None = None,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        super().__init__(name, kind, make, STEREO, recorded=recorded, on_demand=True, timing=timing, on_change=on_change)
 
 
 class EncoderFeed(Feed[Reading]):

@@ -12,6 +12,7 @@ import numpy as np
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
+from drivers.stereo.base import StereoFrame
 
 
 class Sample(Protocol):
@@ -142,6 +143,56 @@ VIDEO: Sampling[VideoFrame] = Sampling(
     _video_print,
     _no_signal,
     _garbled_video,
+)
+
+
+def _stereo_print(frame: StereoFrame) -> int:
+    return zlib.crc32(np.ascontiguousarray(frame.left[::8, ::2]).data)
+
+
+def _even(frame: StereoFrame) -> bool:
+    return any(int(np.ptp(picture[::8, ::8])) <= _EVEN for picture in (frame.left, frame.right))
+
+
+def _garbled_pair(frame: StereoFrame) -> bool:
+    return any(
+        float(np.abs(np.diff(picture[::16].astype(np.int16), axis=1)).mean()) > _GARBLED_STEP
+        for picture in (frame.left, frame.right)
+    )
+
+
+STEREO: Sampling[StereoFrame] = Sampling(
+    Wording(
+        "stereo camera",
+        "The stereo camera is being started.",
+        "No pair for {:.0f} s.",
+        "The stereo camera sends no pictures: check its cables. The box keeps trying.",
+        f"The stereo camera does not answer at all: {_UNPLUG}",
+        "The stereo camera sends the same pair again and again; it is being restarted.",
+        "A picture of the stereo camera is empty: is a lens covered, or is there no light?",
+        "The pictures of the stereo camera are nothing but noise: check its cables and its power.",
+    ),
+    lambda frame: frame.number,
+    _stereo_print,
+    _even,
+    _garbled_pair,
+)
+
+TETHER: Sampling[Reading] = Sampling(
+    Wording(
+        "encoder",
+        "The tether encoder is being started.",
+        "The tether encoder has said nothing for {:.0f} s.",
+        "The tether encoder says nothing: check its cable. The box keeps trying.",
+        f"The tether encoder does not answer at all: {_UNPLUG}",
+        "",
+        "",
+        "",
+    ),
+    lambda reading: None,
+    None,
+    lambda reading: False,
+    lambda reading: False,
 )
 
 TETHER: Sampling[Reading] = Sampling(

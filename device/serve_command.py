@@ -49,6 +49,8 @@ def serve(
     chosen = chosen_cameras(virtual, tof, description, replay, cameras)
     if virtual:
         chosen["crawler"] = {"grabber": "virtual", "encoder": "virtual"}
+        chosen["structure"] = {"scanner": "virtual"}
+        chosen["stereo"] = {"driver": "virtual"}
     settings = load_settings(config, data_dir=data_dir, host=host, port=port, pin=pin, allowed_hosts=hosts or None, **chosen)
     share_heaps()
     device = Device(settings)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,29 +28,28 @@ from estimators.pinhole import Intrinsics
 
 log = logging.getLogger(__name__)
 
-Estimate = Callable[[NDArray[np.uint16], Intrinsics, float, int, int], FrameEstimate]
-"""estimate_frame(depth, intrinsics, depth_unit_m, seed, resamples)"""
+R = TypeVar("R")
 
 _ATTEMPTS = 2
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
-class _Job:
+class _Job(Generic[R]):
     arguments: tuple[Any, ...]
-    future: Future[FrameEstimate]
+    future: Future[R]
 
 
-class WorkerPool:
+class Workers(Generic[R]):
     """Processes that run ``estimate``, with one BLAS and one OpenCV thread each: two of one are faster than one of two.
 
     ``estimate`` must be a function of an importable module. An estimate that takes longer than ``limit_s`` costs its worker.
     """
 
-    def __init__(self, workers: int = 2, estimate: Estimate = estimate_frame, limit_s: float = 20.0) -> None:
+    def __init__(self, workers: int, estimate: Callable[..., R], limit_s: float = 20.0) -> None:
         self._estimate = estimate
         self._limit_s = limit_s
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[_Job[R] | None] = queue.SimpleQueue()
         self._closed = False
         self._lock = threading.Lock()
         self.replaced = 0
@@ -65,15 +64,14 @@ class WorkerPool:
         for thread in self._threads:
             thread.start()
 
-    def submit(
-        self, depth: NDArray[np.uint16], intrinsics: Intrinsics, depth_unit_m: float, seed: int = 0, resamples: int = 0
-    ) -> Future[FrameEstimate]:
-        """Estimate one frame. The future raises EstimateFailed where the workers could not, Closed on shutting down."""
-        future: Future[FrameEstimate] = Future()
+    def give(self, *arguments: Any) -> Future[R]:
+        """Estimate with these arguments. The future raises EstimateFailed where the workers could not, Closed on shutting
+        down."""
+        future: Future[R] = Future()
         with self._lock:
             if self._closed:
                 raise Closed("The device is shutting down.")
-            self._jobs.put(_Job((depth, intrinsics, depth_unit_m, seed, resamples), future))
+            self._jobs.put(_Job(arguments, future))
         return future
 
     @property
@@ -158,7 +156,22 @@ class WorkerPool:
             log.warning("worker %d was lost (%s) and is replaced", number, fault or type(fault).__name__)
 
 
-def _work(pipe: Connection, estimate: Estimate) -> None:
+class WorkerPool(Workers[FrameEstimate]):
+    """Workers for the frames of a depth camera."""
+
+    def __init__(
+        self, workers: int = 2, estimate: Callable[..., FrameEstimate] = estimate_frame, limit_s: float = 20.0
+    ) -> None:
+        super().__init__(workers, estimate, limit_s)
+
+    def submit(
+        self, depth: NDArray[np.uint16], intrinsics: Intrinsics, depth_unit_m: float, seed: int = 0, resamples: int = 0
+    ) -> Future[FrameEstimate]:
+        """Estimate one frame; raises as ``give`` does."""
+        return self.give(depth, intrinsics, depth_unit_m, seed, resamples)
+
+
+def _work(pipe: Connection, estimate: Callable[..., Any]) -> None:
     """The worker's life: estimate what comes, until the other end is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches the whole group; the parent decides
     import cv2
@@ -169,7 +182,7 @@ def _work(pipe: Connection, estimate: Estimate) -> None:
             arguments = pipe.recv()
         except (EOFError, OSError):
             return
-        answer: tuple[FrameEstimate | None, str | None]
+        answer: tuple[Any, str | None]
         try:
             answer = (estimate(*arguments), None)
         except Exception as error:  # noqa: BLE001 - it belongs to this frame alone: told to the parent, which logs and counts it

@@ -79,8 +79,8 @@ def open_grabber(kind: str, **arguments: Any) -> FrameGrabber:
 def open_stereo_camera(kind: str, **arguments: Any) -> StereoCamera:
     """The stereo camera of a kind, made but not yet streaming: ``open`` is the caller's, who can wait and try again.
 
-    ``arguments``: "replay" takes ``folder``, ``rate_hz`` and ``loop``; "virtual" ``seed``. Raises SensorMissing for an unknown
-    kind.
+    ``arguments``: "replay" takes ``folder``, ``rate_hz`` and ``loop``; "virtual" ``seed``, ``dwell`` and ``rate_hz``. Raises
+    SensorMissing for an unknown kind.
     """
     maker: Callable[..., StereoCamera] = _named(STEREO_CAMERAS, kind, "stereo camera")
     return maker(**arguments)

@@ -45,7 +45,17 @@ TETHER_FAULTS = {
     "hang": "the driver's call does not return",
 }
 """The faults that the tether encoder's twin knows, in words."""
-_KNOWN = {**FAULTS, **CCTV_FAULTS, **TETHER_FAULTS}
+STEREO_FAULTS = {
+    "freeze": "the same pair again and again",
+    "disconnect": "the cable is pulled, until a reconnect",
+    "reconnect": "the cable is plugged in again",
+    "dark": "the lamp is out",
+    "garbage": "random bytes for pictures",
+    "wrong size": "half of the right picture is missing",
+    "never comes": "it is plugged in and sends nothing",
+}
+"""The faults that a stereo camera's twin knows, in words."""
+_KNOWN = {**FAULTS, **CCTV_FAULTS, **TETHER_FAULTS, **STEREO_FAULTS}
 CURES = ("none", "restart", "reset")
 """What ends a fault before its time: nothing, starting the streams again, or a reset of the hardware."""
 FOREVER = float("inf")

@@ -36,8 +36,9 @@ def encoder(seed: int = 1) -> VirtualEncoder:
     return VirtualEncoder(footage.drive, clock)
 
 
-def stereo_camera(seed: int = 1) -> VirtualStereoCamera:
-    """A stereo camera that drives through a round pipe with deposits, lost wall, a joint and a smooth stretch."""
+def stereo_camera(seed: int = 1, dwell: int = 1, rate_hz: float | None = None) -> VirtualStereoCamera:
+    """A stereo camera that goes through a round pipe with deposits, lost wall, joints and a smooth stretch; see there for
+    ``dwell`` and ``rate_hz``."""
     rng = np.random.default_rng([seed, 9])
     patches = []
     for at in np.arange(1.2, 7.0, 0.8):
@@ -46,4 +47,4 @@ def stereo_camera(seed: int = 1) -> VirtualStereoCamera:
         patches.append(Patch(float(at), float(at + rng.uniform(0.08, 0.25)), angle, float(rng.uniform(0.15, 0.4)), height))
     sewer = VirtualSewer(circular(0.4), 9.0, joints=(Joint(2.4), Joint(4.8)), things=tuple(patches))
     painter = StereoPainter(sewer, StereoLens(), StereoLook(smooth=((3.4, 3.8),)), seed)
-    return VirtualStereoCamera(painter, seed=seed)
+    return VirtualStereoCamera(painter, seed=seed, dwell=dwell, rate_hz=rate_hz)

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base import SensorLost
+from drivers.base import FrameTimeout, SensorLost
 from drivers.stereo.base import StereoCamera, StereoFrame
+from drivers.virtual.faults import FaultScript
 from drivers.virtual.rig import Pose
 from drivers.virtual.world import END, NOTHING, VirtualSewer
 from estimators.pinhole import Intrinsics, rays
@@ -64,16 +65,21 @@ class StereoPainter:
 
     def pair(self, pose: Pose, rng: np.random.Generator) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """(left, right), each (H, W) grey."""
-        right = pose.position + pose.rotation @ np.array([self.lens.baseline_m, 0.0, 0.0])
-        shifts = 0.0, self.lens.offset_px
-        left, other = (
-            self._picture(place, pose.rotation, shift, rng) for place, shift in zip((pose.position, right), shifts, strict=True)
-        )
-        return left, other
+        return self.taken(self.scene(pose), rng)
 
-    def _picture(
-        self, position: NDArray[np.float64], rotation: NDArray[np.float64], shift: float, rng: np.random.Generator
-    ) -> NDArray[np.uint8]:
+    def scene(self, pose: Pose) -> tuple[Array, Array]:
+        """(left, right) as light falls on the sensors, each (H, W) in grey values: the costly part."""
+        right = pose.position + pose.rotation @ np.array([self.lens.baseline_m, 0.0, 0.0])
+        return self._picture(pose.position, pose.rotation, 0.0), self._picture(right, pose.rotation, self.lens.offset_px)
+
+    def taken(self, scene: tuple[Array, Array], rng: np.random.Generator) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """One exposure of it."""
+        left, right = (
+            np.asarray(np.clip(light + rng.normal(0, self.look.noise, light.shape), 0, 255), dtype=np.uint8) for light in scene
+        )
+        return left, right
+
+    def _picture(self, position: NDArray[np.float64], rotation: NDArray[np.float64], shift: float) -> Array:
         camera = self.lens.intrinsics
         sight = rays(camera) + np.array([shift / camera.fx, 0.0], np.float32)
         hits = self.sewer.cast(position, rotation, sight)
@@ -95,27 +101,48 @@ class StereoPainter:
         lit = np.sqrt(np.clip(hits.cosine, 0.02, 1)) / np.maximum(distance, 0.15)
         lit *= np.float32(self.look.light) / max(float(np.median(lit[hits.material != NOTHING])), 1e-6)
         picture = np.where(hits.material == NOTHING, 0.0, np.minimum(lit, 210.0) * (1 + contrast * grain))
-        picture = picture + rng.normal(0, self.look.noise, z.shape)
-        return np.asarray(np.clip(picture, 0, 255), dtype=np.uint8)
+        return np.asarray(picture)
 
 
 class VirtualStereoCamera(StereoCamera):
-    """Pairs along a drive through a virtual sewer: from ``start`` (m) on, a step further at each read, back again at the
-    end."""
+    """Pairs along a drive through a virtual sewer: from ``start`` (m) on, ``dwell`` exposures at each place and then a step
+    further, back again at the end; ``rate_hz`` a second, or as fast as they are asked for. Closed and opened again it is where
+    it was."""
 
     name = "virtual stereo camera"
 
-    def __init__(self, painter: StereoPainter, start: float = 0.3, seed: int = 1) -> None:
+    def __init__(
+        self,
+        painter: StereoPainter,
+        start: float = 0.3,
+        seed: int = 1,
+        dwell: int = 1,
+        rate_hz: float | None = None,
+        faults: FaultScript | None = None,
+    ) -> None:
         self._painter = painter
         self._start = start
         self._seed = seed
-        self._number: int | None = None
+        self._dwell = dwell
+        self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self.faults = faults or FaultScript()
+        self._open_since: int | None = None
+        self._number = 0
+        self._due = 0.0
+        self._place: int | None = None
+        self._scene: tuple[Array, Array] | None = None
+        self._frozen: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = None
 
     def _open(self) -> None:
-        self._number = 0
+        self.faults.begin()
+        if "disconnect" in self.faults.active():
+            raise SensorLost(f"The {self.name} is not there.")
+        self.faults.restarted()
+        self._open_since = self.faults.times_unplugged()
+        self._due = time.monotonic()
 
     def pose(self, number: int) -> Pose:
-        """Where the camera is at a pair, a little off the axis."""
+        """Where the camera is at a place, a little off the axis."""
         way = max(self._painter.sewer.length - self._start - 1.2, _STEP_M)
         radius = self._painter.sewer.radius
         rng = np.random.default_rng([self._seed, number])
@@ -124,16 +151,40 @@ class VirtualStereoCamera(StereoCamera):
         return Pose(float(right), float(down), self._start + (number * _STEP_M) % way, float(yaw), float(pitch))
 
     def _read(self, timeout_s: float) -> StereoFrame:
-        if self._number is None:
+        if self._open_since is None or self._open_since != self.faults.times_unplugged():
             raise SensorLost(f"The {self.name} is not open.")
+        active = self.faults.active()
+        wait_s = self._due - time.monotonic()
+        if wait_s > timeout_s or "never comes" in active:
+            time.sleep(timeout_s)
+            raise FrameTimeout(f"The {self.name} sent no pair for {timeout_s:g} s.")
+        time.sleep(max(wait_s, 0.0))
+        self._due = max(self._due, time.monotonic() - self._period_s) + self._period_s
         number = self._number
         self._number += 1
-        left, right = self._painter.pair(self.pose(number), np.random.default_rng([self._seed, number, 7]))
+        place = number // self._dwell
+        if self._scene is None or place != self._place:
+            self._scene, self._place = self._painter.scene(self.pose(place)), place
+        left, right = self._exposed(np.random.default_rng([self._seed, number, 7]), active)
         lens = self._painter.lens
         return StereoFrame(
             left, right, lens.intrinsics, lens.baseline_m, lens.offset_px, time.monotonic_ns(), number + 1, source="virtual"
         )
 
+    def _exposed(self, rng: np.random.Generator, faults: frozenset[str]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        assert self._scene is not None  # painted just before
+        if "freeze" in faults and self._frozen is not None:
+            return self._frozen
+        pair = self._painter.taken(self._scene, rng)
+        if "dark" in faults:
+            pair = pair[0] // 40, pair[1] // 40
+        if "garbage" in faults:
+            pair = rng.integers(0, 256, pair[0].shape, np.uint8), rng.integers(0, 256, pair[1].shape, np.uint8)
+        if "wrong size" in faults:
+            pair = pair[0], pair[1][: len(pair[1]) // 2]
+        self._frozen = pair
+        return pair
+
     def close(self) -> None:
         """Stop. Never raises, may be called twice."""
-        self._number = None
+        self._open_since = None
