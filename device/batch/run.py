@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -76,11 +78,23 @@ def _once(jobs: list[Job], open_executor: Callable[[int], Any], workers: int) ->
 @contextmanager
 def processes(workers: int) -> Iterator[Executor]:
     """Workers on this machine. They are spawned: a forked one would share what OpenCV and ONNX began."""
-    executor = ProcessPoolExecutor(workers, get_context("spawn"), max_tasks_per_child=20)
+    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_end_with_parent, max_tasks_per_child=20)
     try:
         yield executor
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """A worker whose batch was killed would wait for its next job for ever."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def cluster(address: str) -> Callable[[int], Any]:

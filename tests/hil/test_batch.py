@@ -6,9 +6,9 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
+import psutil
 import pytest
 from pyarrow import parquet
 
@@ -17,6 +17,7 @@ from device.batch.inputs import inputs
 from device.batch.run import done, processes, run
 from device.errors import Invalid
 from tests.archive import make_archive
+from tests.waiting import wait_until
 
 COMMAND = [sys.executable, "-m", "device.cli", "batch"]
 
@@ -46,11 +47,11 @@ def test_a_killed_batch_goes_on_where_it_was(tmp_path: Path) -> None:
     names = make_archive(tmp_path / "in", good=5, bad=1)
     out = tmp_path / "out"
     process = subprocess.Popen([*COMMAND, str(tmp_path / "in"), "--out", str(out), "--json", "--workers", "1"])
-    deadline = time.monotonic() + 120
-    while len(list(out.glob("rows/*.json"))) < 2 and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: len(list(out.glob("rows/*.json"))) >= 2, 120)
+    workers = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGKILL)
     process.wait()
+    assert psutil.wait_procs(workers, timeout=20)[1] == [], "a worker outlived its batch"
     before = {path.name: path.stat().st_mtime_ns for path in out.glob("rows/*.json")}
     assert 2 <= len(before) < len(names)
     _, rows = converted(tmp_path / "in", out)
