@@ -34,7 +34,9 @@ from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
 FOCAL_RADIUS = 120.0
 CENTRE = np.array([360.0, 288.0])
 GIVEN = Constraints(focal_radius=Known(FOCAL_RADIUS, 1e-3))
-QUIET = Noise(centre_std=1e-4, axis_std=1e-5, slip_rate=1e-8, drift=1e-4, roll_std=0.0)
+QUIET = Noise(
+    centre_std=1e-4, axis_std=1e-5, slip_rate=1e-8, drift=1e-4, roll_std=0.0, ring_share=0.0, landmark_share=0.0
+)
 """A run with nothing wrong but the pixels."""
 
 
@@ -48,8 +50,9 @@ def drive(
     sight: float = 5.0,
     std: float = 15.0,
     fps: float = 5.0,
+    height: float = 1.0,
 ) -> Run:
-    """What is seen from cameras at ``x`` of landmarks (N, 2), and of rings at ``ring_at``."""
+    """What is seen from cameras at ``x`` of landmarks (N, 2) at so many radii from the axis, and of rings at ``ring_at``."""
     rng = rng or np.random.default_rng(0)
     owner, frame, pixels = [], [], []
     rings = []
@@ -57,7 +60,7 @@ def drive(
         for i in np.flatnonzero((chainage - x > 0.4) & (chainage - x < sight)):
             owner.append(k)
             frame.append(i)
-            direction = np.array([np.cos(angle), np.sin(angle)])
+            direction = height * np.array([np.cos(angle), np.sin(angle)])
             pixels.append(CENTRE + FOCAL_RADIUS * direction / (chainage - x[i]) + rng.normal(0, noise_px, 2))
     for k, chainage in enumerate(ring_at):
         for i in np.flatnonzero((chainage - x > 0.45) & (chainage - x < 4)):
@@ -143,6 +146,20 @@ def test_two_landmarks_tell_the_scale_of_the_tether() -> None:
     for mark, (chainage, angle) in zip(result.landmarks, landmarks, strict=True):
         assert (mark.chainage, mark.angle) == pytest.approx((chainage, angle), abs=0.01)
     assert result.slips == ()
+
+
+@pytest.mark.parametrize("height", [0.96, 1.03])
+def test_landmarks_that_are_not_on_the_wall_do_not_stretch_the_tether(height: float) -> None:
+    # Deposits stand into the pipe, of a hole the far edge shows: what looks like another scale must not be believed as one.
+    x = np.linspace(0, 12, 121)
+    landmarks = np.array([[2.0 * k + 2.5, 0.7 * k] for k in range(6)])
+    run = drive(x, x, landmarks, noise_px=4.0, std=4.0, height=height)
+    result = smooth(run, replace(GIVEN, scale=Known(1.0, 0.02)), Noise())
+    assert result.converged
+    for mark, (chainage, _) in zip(result.landmarks, landmarks, strict=True):
+        assert abs(mark.chainage - chainage) < 3 * np.sqrt(mark.covariance[0, 0])
+    last = result.landmarks[-1].chainage - landmarks[-1, 0]
+    assert abs(last) < 0.5 * abs(height - 1) * landmarks[-1, 0], "half of what the other scale would make of the whole way"
 
 
 def test_the_length_is_the_scale_where_nothing_is_seen() -> None:

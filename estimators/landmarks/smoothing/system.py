@@ -2,9 +2,11 @@
 
 Unknowns, in this order: log of f*R; metres per metre counted; the tether's slack at each knot; chainage and angle of each
 landmark; chainage of each joint; error of the focus of expansion per stretch; error of the axis offset per stretch (radii); log
-of how much wider rings look than the pipe is, for what shows of a joint is its gap, now this edge of it and now that.
+of how much wider rings look than the pipe is, for what shows of a joint is its gap, now this edge of it and now that; the same
+of all landmarks, and of each, for a deposit stands into the pipe and of a hole the far edge shows.
 The camera of frame i is at x_i = start + scale (count_i - count_0) + slack_i, and a landmark at (l, theta) is seen at
-c + f*R [a_x + cos theta, aspect (a_y + sin theta)] / (l - x_i): eq. 5 of the CCTV paper with the axis offset a.
+c + f*R [a_x + h cos theta, aspect (a_y + h sin theta)] / (l - x_i): eq. 5 of the CCTV paper with the axis offset a and the
+landmark's distance h from the axis (radii).
 """
 
 from __future__ import annotations
@@ -39,6 +41,8 @@ class Layout:
     centres: int
     axes: int
     ring_share: int
+    landmark_share: int
+    landmark_shares: int
     size: int
     landmark_ids: Indices
     joint_ids: Indices
@@ -79,7 +83,7 @@ class System:
         x = self.positions(state)
         depth, _ = _depth(state[layout.landmarks + 2 * self.landmark] - x[seen.frame])
         angle = state[layout.landmarks + 2 * self.landmark + 1]
-        across = self._across(state, angle)
+        across = self._across(state, self._height(state), angle)
         centre = run.frames.centre[seen.frame] + state[layout.centres + 2 * self.centre_node[:, None] + np.arange(2)]
         pixels = centre + focal * np.array([1.0, run.aspect]) * across / depth[:, None]
         ring_depth, _ = _depth(state[layout.joints + self.joint] - x[run.rings.frame])
@@ -94,8 +98,10 @@ class System:
         counted = knots.encoder - knots.encoder[0]
         depth, slope = _depth(state[layout.landmarks + 2 * self.landmark] - x[seen.frame])
         angle = state[layout.landmarks + 2 * self.landmark + 1]
-        across = self._across(state, angle)
-        turned = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+        height = self._height(state)
+        across = self._across(state, height, angle)
+        outwards = height[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        turned = height[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
         blocks = []
         for axis, aspect in enumerate((1.0, run.aspect)):
             by_depth = -focal * aspect * across[:, axis] / depth**2 * slope
@@ -109,6 +115,8 @@ class System:
                     focal * aspect * turned[:, axis] / depth,
                     np.ones_like(depth),
                     focal * aspect / depth,
+                    focal * aspect * outwards[:, axis] / depth,
+                    focal * aspect * outwards[:, axis] / depth,
                 ],
                 axis=1,
             )
@@ -122,6 +130,8 @@ class System:
                     layout.landmarks + 2 * self.landmark + 1,
                     layout.centres + 2 * self.centre_node + axis,
                     layout.axes + 2 * self.axis_node + axis,
+                    np.full_like(self.landmark, layout.landmark_share),
+                    layout.landmark_shares + self.landmark,
                 ],
                 axis=1,
             )
@@ -154,11 +164,17 @@ class System:
         blocks.append(_rows(values / rings.std[:, None], columns, layout.size))
         return sparse.vstack(blocks, format="csr")
 
-    def _across(self, state: Array, angle: Array) -> Array:
+    def _height(self, state: Array) -> Array:
+        """(m,) how far from the pipe's axis the sighted points lie, in radii."""
+        share = state[self.layout.landmark_share] + state[self.layout.landmark_shares + self.landmark]
+        return np.asarray(np.exp(share), dtype=np.float64)
+
+    def _across(self, state: Array, height: Array, angle: Array) -> Array:
         """(m, 2) where the sighted points lie across the camera's axis, in radii."""
         run = self.run
         error = state[self.layout.axes + 2 * self.axis_node[:, None] + np.arange(2)]
-        across: Array = run.frames.axis[run.sightings.frame] + error + np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        outwards = height[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        across: Array = run.frames.axis[run.sightings.frame] + error + outwards
         return across
 
 
@@ -176,7 +192,9 @@ def build(run: Run, constraints: Constraints, noise: Noise) -> System:
     centres = joints + len(joint_ids)
     axes = centres + 2 * len(centre_way)
     ring_share = axes + 2 * len(axis_way)
-    layout = Layout(slack, landmarks, joints, centres, axes, ring_share, ring_share + 1, landmark_ids, joint_ids)
+    share = ring_share + 1
+    size = share + 1 + len(landmark_ids)
+    layout = Layout(slack, landmarks, joints, centres, axes, ring_share, share, share + 1, size, landmark_ids, joint_ids)
 
     start = constraints.start or Known(float(knots.encoder[0]), START_STD)
     scale = constraints.scale or Known(1.0, noise.scale_std)
@@ -193,6 +211,9 @@ def build(run: Run, constraints: Constraints, noise: Noise) -> System:
     rows.add([0], [1.0], initial[0], log_std)
     rows.add([1], [1.0], scale.value, scale.std)
     rows.add([layout.ring_share], [1.0], 0.0, max(noise.ring_share, 1e-6))
+    rows.add([layout.landmark_share], [1.0], 0.0, max(noise.ring_share, 1e-6))
+    for k in range(len(landmark_ids)):
+        rows.add([layout.landmark_shares + k], [1.0], 0.0, max(noise.landmark_share, 1e-6))
     rows.add([slack], [1.0], start.value, max(start.std, 1e-4))
     for k in range(len(landmark_ids)):
         rows.add([landmarks + 2 * k], [1.0], initial[landmarks + 2 * k], LOOSE_WAY)

@@ -107,7 +107,8 @@ class Noise:
     metre, known as from ``slip_experience`` slips seen, and ``slip_std`` (m) their size; ``centre_std`` (px) of the focus of
     expansion and ``centre_memory`` (m) over which its error stays alike; ``axis_std`` (radii) and ``axis_memory`` (m) of the
     camera's offset the same; ``roll_std`` (rad) of the crawler, which nothing here sees: it goes into every angle's variance;
-    ``ring_share`` the share by which all rings of a run may be wider or narrower than the pipe; ``outliers`` the share of
+    ``ring_share`` the share by which all rings of a run, and apart from them all landmarks, may lie further from the axis than
+    the wall or nearer, and ``landmark_share`` each landmark beside that; ``outliers`` the share of
     sightings that are something else, ``outlier_span`` (px) the width over which those lie.
     """
 
@@ -122,6 +123,7 @@ class Noise:
     axis_memory: float = 4.0
     roll_std: float = 0.02
     ring_share: float = 0.015
+    landmark_share: float = 0.03
     outliers: float = 0.05
     outlier_span: float = 400.0
 
