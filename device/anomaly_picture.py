@@ -53,23 +53,31 @@ def deviation_overlay(picture: Picture, step: float, findings: PairFindings) -> 
     return np.asarray(out, dtype=np.uint8)
 
 
-def heat_map(found: DeviationMap, size: tuple[int, int] = (720, 360)) -> Picture:
-    """The unrolled wall (h, w, 3): crown in the middle, near at the bottom, with clock hours, metres and a scale in mm."""
-    deviation = np.roll(found.deviation, found.deviation.shape[1] // 4, axis=1)[::-1]
-    hidden = np.roll(found.hidden, found.deviation.shape[1] // 4, axis=1)[::-1]
-    wall = np.roll(found.wall, found.deviation.shape[1] // 4, axis=1)[::-1]
+def wall_colours(deviation: NDArray[np.float32], hidden: NDArray[np.bool_], wall: NDArray[np.bool_]) -> Picture:
+    """An unrolled wall (Z, A) in colours (Z, A, 3): crown in the middle, near at the bottom; grey what was not measured, pale
+    grey what is hidden, black what is no wall."""
+    quarter = deviation.shape[1] // 4
+    deviation = np.roll(deviation, quarter, axis=1)[::-1]
     level = np.clip(deviation / FULL_SCALE_M, -1, 1)
     pale = 235 * (1 - np.abs(np.nan_to_num(level)))
     inward, outward = (np.clip(sign * np.nan_to_num(level), 0, 1) for sign in (-1, 1))
     colours = np.stack(
         [pale + 255 * outward + 40 * inward, pale + 120 * outward + 40 * inward, pale + 30 * outward + 255 * inward], 2
     )
-    image = np.clip(colours, 0, 255).astype(np.uint8)
+    image = np.asarray(np.clip(colours, 0, 255), dtype=np.uint8)
     image[~np.isfinite(deviation)] = _UNSEEN
-    image[hidden] = _HIDDEN
-    image[~wall] = 0
+    image[np.roll(hidden, quarter, axis=1)[::-1]] = _HIDDEN
+    image[~np.roll(wall, quarter, axis=1)[::-1]] = 0
+    return image
+
+
+def heat_map(found: DeviationMap, size: tuple[int, int] = (720, 360)) -> Picture:
+    """The unrolled wall (h, w, 3): crown in the middle, near at the bottom, with clock hours, metres and a scale in mm."""
+    image = wall_colours(found.deviation, found.hidden, found.wall)
     plain = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST)
-    framed = cv2.copyMakeBorder(plain, 8, _MARGIN, _MARGIN, 12, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+    framed: Picture = np.asarray(
+        cv2.copyMakeBorder(plain, 8, _MARGIN, _MARGIN, 12, cv2.BORDER_CONSTANT, value=(255, 255, 255)), dtype=np.uint8
+    )
     for hour, share in ((6, 0.0), (9, 0.25), (12, 0.5), (3, 0.75)):
         _write(framed, str(hour), _MARGIN + int(share * size[0]) - 6, size[1] + 24)
     for share in (0.0, 0.5, 1.0):
@@ -77,7 +85,7 @@ def heat_map(found: DeviationMap, size: tuple[int, int] = (720, 360)) -> Picture
         _write(framed, f"{metres:.2f}", 4, 8 + int((1 - share) * (size[1] - 12)) + 10)
     reach = 1000 * FULL_SCALE_M
     _write(framed, f"clock; m; red {reach:.0f} mm inwards, blue {reach:.0f} mm outwards", _MARGIN, size[1] + 42)
-    return np.asarray(framed, dtype=np.uint8)
+    return framed
 
 
 def _write(picture: NDArray[np.uint8], text: str, x: int, y: int) -> None:

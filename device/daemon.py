@@ -16,6 +16,7 @@ from typing import IO, Any
 
 from device import clouds
 from device.access import Access, pin_of
+from device.anomaly_desk import AnomalyDesk
 from device.autonomy import Condition
 from device.autonomy_loop import Unattended, told
 from device.bus import Bus, Subscription
@@ -38,6 +39,7 @@ from device.recorder import RecorderStatus, Shelf
 from device.recorder.names import Name, name_of
 from device.recorder.policy import MB, DiskPolicy
 from device.recorder.shelf import FOLDER
+from device.stereo_rig import StereoEye, make_stereo
 from device.store import Store
 from device.store.journal import LastTime
 from device.store.surveys import QUESTIONS
@@ -64,8 +66,8 @@ class Device:
     """Cameras, workers, survey and store of one box, started by ``start`` and stopped by ``close``.
 
     Raises StoreUnusable where the data folder cannot be used, Invalid where the settings name what cannot be. ``feeds``,
-    ``pool`` and ``crawler`` stand in for what the settings would make. What the methods return is JSON-ready; their errors are
-    DeviceErrors.
+    ``pool``, ``crawler`` and ``eye`` stand in for what the settings would make. What the methods return is JSON-ready; their
+    errors are DeviceErrors.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class Device:
         pool: WorkerPool | None = None,
         clock: Clock | None = None,
         crawler: Callable[[Store], Crawler] | None = None,
+        eye: StereoEye | None = None,
     ) -> None:
         self.settings = settings
         self._begun = time.monotonic()
@@ -99,6 +102,7 @@ class Device:
                 folder=settings.data_dir,
                 publish=lambda state: self._bus.publish("control", state),
             )
+            eye = eye or make_stereo(settings.stereo, settings.virtual_seed, self._changed.set)
             self._crawler = (crawler or (lambda store: make_crawler(settings, store, self._changed.set)))(self._store)
         except DeviceError:
             self._store.close()
@@ -116,6 +120,17 @@ class Device:
             first_notes=lambda: {HEALTH_TOPIC: self._health.to_json()},
         )
         self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
+        self.anomaly = AnomalyDesk(
+            settings.stereo,
+            eye,
+            self._store,
+            self._bus,
+            self._shelf,
+            self._pictures,
+            self._crawler.tether,
+            turns=self.turns,
+            refuse_without_room=self._refuse_without_room,
+        )
         self._pool = pool or WorkerPool(settings.workers)
         self._live = LiveEstimates(self._feeds, self._pool, self._bus, settings.live_hz)
         self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live, self._shelf)
@@ -126,7 +141,8 @@ class Device:
             self._clock,
             self._bus,
             [("camera", feed) for feed in self._feeds]
-            + [("grabber" if feed is self._crawler.grabber else "encoder", feed) for feed in self._crawler.feeds],
+            + [("grabber" if feed is self._crawler.grabber else "encoder", feed) for feed in self._crawler.feeds]
+            + self.anomaly.sensors(),
             turn=self.turns.loop("health", 120.0),
             keep=lambda health: self._shelf.note(HEALTH_TOPIC, health),
         )
@@ -174,6 +190,7 @@ class Device:
             self._shelf.remove(survey)
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
+        self.anomaly.start()
         self._live.start()
         threading.Thread(target=self._shelf.recover_all, name="recovery", daemon=True).start()
         self._health.start()
@@ -190,6 +207,7 @@ class Device:
         self._bus.close()
         self._unattended.close()
         self._drive.close()
+        self.anomaly.close()
         self._survey.close()
         self._live.close()
         self._shelf.close()
@@ -233,7 +251,7 @@ class Device:
     @property
     def settled(self) -> bool:
         """Whether every sensor is up or has been declared degraded or lost: nobody waits for one that is being started."""
-        feeds = (*self._feeds, *self._crawler.feeds)
+        feeds = (*self._feeds, *self._crawler.feeds, *self.anomaly.feeds)
         return all(feed.status().state != "starting" for feed in feeds)
 
     def status_line(self) -> str:
@@ -282,7 +300,7 @@ class Device:
         return self._live.newest()
 
     def subscribe(self) -> Subscription:
-        """Events from now on: "status", "live", "measurement", "prompt", "drive", "control"."""
+        """Events from now on: "status", "live", "measurement", "prompt", "drive", "anomaly", "control"."""
         return self._bus.subscribe()
 
     def picture(self, kind: str, camera: str | None = None) -> bytes | None:
@@ -397,6 +415,7 @@ class Device:
         """Out of sight; ``restore_survey`` undoes it until it is purged. Raises NotFound, Busy."""
         self._survey.refuse_if_measuring(survey_id)
         self._drive.refuse_if_driving(survey_id)
+        self.anomaly.refuse_if_scanning(survey_id)
         self._store.surveys.delete(survey_id)
 
     def restore_survey(self, survey_id: int) -> dict[str, Any]:

@@ -120,6 +120,31 @@ PROMPTS = {
             "The raw data of this survey is no longer recorded; findings still are.",
             "Go on; free some space, or see to the disk, before the next one.",
         ),
+        Prompt("pair_dark", "The stereo pictures are too dark.", "Turn the projector or the lamp on, or bring more light."),
+        Prompt("pair_bright", "The stereo pictures are over-exposed.", "Turn the light down, or move back from the wall."),
+        Prompt("pair_blurred", "The stereo pictures are out of focus.", "Clean the lenses, and focus a metre ahead."),
+        Prompt("pair_near", "The wall is too near for both cameras to see it.", "Move back, at least 20 cm from the wall."),
+        Prompt("pair_aside", "The camera stands far from the middle of the pipe.", "Bring it nearer to the pipe's axis."),
+        Prompt(
+            "pair_too_smooth",
+            "The wall is too smooth: it shows too little texture to be measured.",
+            "Turn the projector on, or add light from the side.",
+        ),
+        Prompt(
+            "pair_no_match",
+            "The two pictures have too little in common.",
+            "See that both lenses are clean and look into the pipe, then scan again.",
+        ),
+        Prompt("pair_no_wall", "No wall of a pipe is in view.", "Look along the pipe, with wall on all sides of the picture."),
+        Prompt("pair_too_short", "Too short a piece of the wall is seen.", "Move back, or look straight along the pipe."),
+        Prompt("pair_one_sided", "Too little of the way around the pipe is seen.", "Look along the pipe, from its middle."),
+        Prompt(
+            "pair_not_smooth",
+            "Too much lies off any smooth profile: this is no sound pipe.",
+            "Scan at another place, and look at the picture here.",
+        ),
+        Prompt("pair_moved", "The camera moved during the scan.", "Hold it still until the pairs are taken, then scan again."),
+        Prompt("pair_lost", "The stereo camera sends no pictures.", "Check its cables, or wait for it to come back."),
         Prompt("storage_full", "The disk is full: the map is no longer saved.", "End the drive, then free some space."),
     )
 }

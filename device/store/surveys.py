@@ -20,6 +20,7 @@ _DAY_MS = 86_400_000
 _IDENTITY = ("camera", "position", "diameter_mm", "frames")
 """What a conclusion leaves as it was in the result it was drawn from."""
 _DRIVE_FIELDS = ("landmarks", "from_m", "to_m", "frames", "seconds")
+_ANOMALY_FIELDS = ("score_mm", "outward_mm", "coverage", "chainage_m", "regions")
 _NO_DIAMETER: dict[str, Any] = {
     "diameter_mm": None,
     "interval_mm": None,
@@ -42,6 +43,10 @@ class NewRecording:
     settings: dict[str, Any]
     picture_color: bytes | None = None
     picture_depth: bytes | None = None
+    overlay: bytes | None = None
+    """The colour picture with the deviations of an anomaly survey on it."""
+    map: bytes | None = None
+    """Its unrolled wall, see ``device.surveys.anomaly_views``."""
 
 
 class Surveys:
@@ -78,6 +83,7 @@ class Surveys:
     def conclude(self, survey_id: int, state: str, recordings: list[NewRecording], conclusion: dict[str, Any]) -> None:
         """Add ``recordings`` and their findings, replace the conclusion, keep the prompts: all of it or nothing."""
         with self._database.write() as connection:
+            kind = connection.execute("SELECT kind FROM surveys WHERE id = ?", (survey_id,)).fetchone()["kind"]
             for recording in recordings:
                 recording_id = connection.execute(
                     "INSERT INTO recordings (survey_id, camera, position, frames, settings) VALUES (?, ?, ?, ?, ?)",
@@ -85,21 +91,25 @@ class Surveys:
                 ).lastrowid
                 cloud = None if recording.cloud is None else zlib.compress(dumps(recording.cloud).encode(), 6)
                 connection.execute(
-                    "INSERT INTO findings (survey_id, recording_id, kind, body, cloud, picture_color, picture_depth)"
-                    " VALUES (?, ?, 'diameter', ?, ?, ?, ?)",
+                    "INSERT INTO findings"
+                    " (survey_id, recording_id, kind, body, cloud, picture_color, picture_depth, overlay, map)"
+                    " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
                     (
                         survey_id,
                         recording_id,
+                        kind,
                         dumps(recording.result),
                         cloud,
                         recording.picture_color,
                         recording.picture_depth,
+                        recording.overlay,
+                        recording.map,
                     ),
                 )
             connection.execute("DELETE FROM findings WHERE survey_id = ? AND recording_id IS NULL", (survey_id,))
             connection.execute(
-                "INSERT INTO findings (survey_id, recording_id, kind, body) VALUES (?, NULL, 'diameter', ?)",
-                (survey_id, dumps(conclusion)),
+                "INSERT INTO findings (survey_id, recording_id, kind, body) VALUES (?, NULL, ?, ?)",
+                (survey_id, kind, dumps(conclusion)),
             )
             connection.executemany(
                 "INSERT INTO prompts (survey_id, code, reason, remedy) VALUES (?, ?, ?, ?)",
@@ -214,6 +224,18 @@ class Surveys:
             ).fetchone()
         picture: bytes | None = None if row is None else row[kind]
         return picture
+
+    def anomaly_view(self, survey_id: int, what: str) -> bytes | None:
+        """Of an anomaly survey: "reference" or "overlay" (JPEG) or "map"; None where there is none. Raises NotFound."""
+        column = {"reference": "picture_color", "overlay": "overlay", "map": "map"}[what]
+        with self._database.read() as connection:
+            survey_row(connection, survey_id)
+            row = connection.execute(
+                f"SELECT {column} AS kept FROM findings WHERE survey_id = ? AND kind = 'anomaly' AND recording_id IS NOT NULL",
+                (survey_id,),
+            ).fetchone()
+        kept: bytes | None = None if row is None else row["kept"]
+        return kept
 
     def answer(self, survey_id: int, said: dict[str, Any], by: str, note: str) -> None:
         """Keep what ``by`` said: {question: bool or None, "verdict": "accept", "retry" or None}. Raises NotFound."""
@@ -358,6 +380,7 @@ def _summary(row: sqlite3.Row, operator: dict[str, Any] | None) -> dict[str, Any
     verdict, by = joint_verdict(result["verdict"], operator)
     return {
         **common,
+        **({key: result.get(key) for key in _ANOMALY_FIELDS} if row["kind"] == "anomaly" else {}),
         "diameter_mm": result["diameter_mm"],
         "interval_mm": result["interval_mm"],
         "dn": result["dn"],

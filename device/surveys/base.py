@@ -26,13 +26,15 @@ class Cancelled(Exception):
 
 @dataclass(frozen=True)
 class Job:
-    """What to measure. ``continues``: a second position of a survey that has a recording already."""
+    """What to measure. ``continues``: a second position of a survey that has a recording already. ``chainage`` (m) is where the
+    sensor stands in the pipe, where somebody said so."""
 
     survey_id: int
     pipe: dict[str, Any] | None
     position: str
     frames: int
     continues: bool
+    chainage: float | None = None
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,22 @@ class Survey(ABC):
         if self._state["survey_id"] == survey_id:
             raise Busy("This survey is being measured: wait for it or cancel it.")
 
-    def start(self, pipe_id: int | None, position: str | None, frames: int, survey_id: int | None) -> int:
+    def start(
+        self,
+        pipe_id: int | None,
+        position: str | None,
+        frames: int,
+        survey_id: int | None = None,
+        chainage: float | None = None,
+    ) -> int:
         """Begin to measure; the survey's number. Raises Busy, NotFound, Invalid, StorageFull."""
         with self._lock:
             if self.busy:
                 raise Busy("A measurement is under way: wait for it or cancel it.")
             if survey_id is None:
                 pipe = None if pipe_id is None else self._store.places.pipe(pipe_id)
-                job = Job(self._store.surveys.begin(self.kind, pipe_id), pipe, position or "entrance", frames, False)
+                number = self._store.surveys.begin(self.kind, pipe_id)
+                job = Job(number, pipe, position or "entrance", frames, False, chainage)
             else:
                 survey = self._store.surveys.get(survey_id)
                 if survey["kind"] != self.kind:
@@ -134,6 +144,7 @@ class Survey(ABC):
         self._bus.publish(
             "measurement",
             {
+                "kind": self.kind,
                 "survey_id": job.survey_id,
                 "state": state,
                 "frames_done": frames_done,
@@ -164,7 +175,7 @@ class Survey(ABC):
         log.info("survey %d: %s%s", job.survey_id, state, f", {message}" if message else "")
         self._tell(job, state, done, message)
         if prompts:
-            self._bus.publish("prompt", {"survey_id": job.survey_id, **prompts[0]})
+            self._bus.publish("prompt", {"kind": self.kind, "survey_id": job.survey_id, **prompts[0]})
 
     def _forget(self, job: Job) -> None:
         """Leave no half survey behind."""

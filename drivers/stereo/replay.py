@@ -91,15 +91,17 @@ def read_pair(folder: PairFolder, entry: PairEntry, number: int = 0) -> StereoFr
 
 
 class PairReplay(StereoCamera):
-    """The pairs of a folder in the manifest's order, ``rate_hz`` a second, or as fast as they are asked for.
+    """The pairs of a folder in the manifest's order, each ``dwell`` times, ``rate_hz`` a second, or as fast as they are asked
+    for.
 
     A pair that cannot be read is RecordingBroken, and the next read goes on behind it.
     """
 
-    def __init__(self, folder: Path | str, rate_hz: float | None = None, loop: bool = False) -> None:
+    def __init__(self, folder: Path | str, rate_hz: float | None = None, loop: bool = False, dwell: int = 1) -> None:
         self._path = Path(folder)
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
         self._loop = loop
+        self._dwell = dwell
         self._lock = threading.Lock()
         self._folder: PairFolder | None = None
         self._next = 0
@@ -116,7 +118,7 @@ class PairReplay(StereoCamera):
             folder = self._folder
             if folder is None:
                 raise SensorLost(f"The {self.name} is not open.")
-            if self._next >= len(folder.pairs) and not self._loop:
+            if self._next // self._dwell >= len(folder.pairs) and not self._loop:
                 raise EndOfRecording(f"The {self.name} has been played to its end.")
             wait = self._due - time.monotonic()
             if wait > timeout_s:
@@ -126,7 +128,7 @@ class PairReplay(StereoCamera):
             self._due = max(self._due, time.monotonic() - self._period_s) + self._period_s
             number = self._next
             self._next += 1  # before it is read: a broken picture is reported once and then left behind
-        return read_pair(folder, folder.pairs[number % len(folder.pairs)], number + 1)
+        return read_pair(folder, folder.pairs[number // self._dwell % len(folder.pairs)], number + 1)
 
     def close(self) -> None:
         """Stop. Never raises, may be called twice."""

@@ -139,6 +139,7 @@ class VirtualStereoCamera(StereoCamera):
             raise SensorLost(f"The {self.name} is not there.")
         self.faults.restarted()
         self._open_since = self.faults.times_unplugged()
+        self._paint()  # here, where a driver may take its time
         self._due = time.monotonic()
 
     def pose(self, number: int) -> Pose:
@@ -160,24 +161,29 @@ class VirtualStereoCamera(StereoCamera):
             raise FrameTimeout(f"The {self.name} sent no pair for {timeout_s:g} s.")
         time.sleep(max(wait_s, 0.0))
         self._due = max(self._due, time.monotonic() - self._period_s) + self._period_s
+        scene = self._paint()
         number = self._number
         self._number += 1
-        place = number // self._dwell
-        if self._scene is None or place != self._place:
-            self._scene, self._place = self._painter.scene(self.pose(place)), place
-        left, right = self._exposed(np.random.default_rng([self._seed, number, 7]), active)
+        left, right = self._exposed(scene, np.random.default_rng([self._seed, number, 7]), active)
         lens = self._painter.lens
         return StereoFrame(
             left, right, lens.intrinsics, lens.baseline_m, lens.offset_px, time.monotonic_ns(), number + 1, source="virtual"
         )
 
-    def _exposed(self, rng: np.random.Generator, faults: frozenset[str]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        assert self._scene is not None  # painted just before
+    def _paint(self) -> tuple[Array, Array]:
+        """What is seen from where the camera stands now, painted once."""
+        place = self._number // self._dwell
+        if self._scene is None or place != self._place:
+            self._scene, self._place = self._painter.scene(self.pose(place)), place
+        return self._scene
+
+    def _exposed(
+        self, scene: tuple[Array, Array], rng: np.random.Generator, faults: frozenset[str]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         if "freeze" in faults and self._frozen is not None:
             return self._frozen
-        pair = self._painter.taken(self._scene, rng)
-        if "dark" in faults:
-            pair = pair[0] // 40, pair[1] // 40
+        dim = np.float32(1 / 40 if "dark" in faults else 1)
+        pair = self._painter.taken((scene[0] * dim, scene[1] * dim), rng)
         if "garbage" in faults:
             pair = rng.integers(0, 256, pair[0].shape, np.uint8), rng.integers(0, 256, pair[1].shape, np.uint8)
         if "wrong size" in faults:
