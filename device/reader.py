@@ -208,7 +208,9 @@ class Reader(Generic[S]):
         if not self._recorded:
             fingerprint = None if rules.fingerprint is None else rules.fingerprint(sample)
             empty = rules.empty(sample)
-            same = fingerprint is not None and (fingerprint == self._fingerprint or number == self._number)
+            same = fingerprint is not None and (
+                fingerprint == self._fingerprint or (number is not None and number == self._number)
+            )
             repeated = same and not empty
             self._fingerprint = fingerprint
             self._number = number

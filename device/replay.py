@@ -131,4 +131,8 @@ def _survey(recording: Recording, options: Options) -> Replay:
         from device.replay_drive import DriveReplay
 
         return DriveReplay(recording.head, options.model, options.recorded_detections)
+    if kind == "structure":
+        from device.replay_structure import StructureReplay
+
+        return StructureReplay(recording.head)
     raise Invalid(f"A survey of the kind {kind!r} cannot be computed again by this program.")

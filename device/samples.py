@@ -12,6 +12,8 @@ import numpy as np
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
+from drivers.navigation.readings import NavReading
+from drivers.navigation.scans import Scan
 from drivers.stereo.base import StereoFrame
 
 
@@ -195,13 +197,33 @@ TETHER: Sampling[Reading] = Sampling(
     lambda reading: False,
 )
 
-TETHER: Sampling[Reading] = Sampling(
+_FEW_POINTS = 50
+"""A scan with fewer shows nothing."""
+
+SCAN: Sampling[Scan] = Sampling(
     Wording(
-        "encoder",
-        "The tether encoder is being started.",
-        "The tether encoder has said nothing for {:.0f} s.",
-        "The tether encoder says nothing: check its cable. The box keeps trying.",
-        f"The tether encoder does not answer at all: {_UNPLUG}",
+        "scanner",
+        "The scanner is being started.",
+        "No scan for {:.0f} s.",
+        "The scanner sends no scans: check its cable. The box keeps trying.",
+        f"The scanner does not answer at all: {_UNPLUG}",
+        "The scanner sends the same scan again and again; it is being restarted.",
+        "The scan is empty: is the window covered, or is everything too far away?",
+        "",
+    ),
+    lambda scan: None,
+    lambda scan: zlib.crc32(np.ascontiguousarray(scan.points[::16]).data),
+    lambda scan: len(scan.points) < _FEW_POINTS,
+    lambda scan: False,
+)
+
+NAVIGATION: Sampling[NavReading] = Sampling(
+    Wording(
+        "navigation sensor",
+        "The sensor is being started.",
+        "No reading for {:.0f} s.",
+        "The sensor says nothing: check its cable. The box keeps trying.",
+        f"The sensor does not answer at all: {_UNPLUG}",
         "",
         "",
         "",

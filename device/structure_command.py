@@ -60,14 +60,14 @@ def structure(
         check_export(path)
     begun = time.monotonic()
     if virtual is not None:
-        told, found = _virtual(None if virtual == PAPER else Path(virtual), seed, first, upright, pipe_radius)
+        told = _virtual(None if virtual == PAPER else Path(virtual), seed, first, upright, pipe_radius)
     else:
         assert scans is not None
         assert navigation is not None
-        told, found = _recorded(scans, navigation, first, upright, pipe_radius)
+        told = _recorded(scans, navigation, first, upright, pipe_radius)
     told["seconds"] = round(time.monotonic() - begun, 3)
     for path in exported:
-        export_map(found, path)
+        export_map(told, path)
     if as_json:
         click.echo(dumps(told))
     else:
@@ -77,11 +77,9 @@ def structure(
     return 0
 
 
-def _virtual(
-    file: Path | None, seed: int, first: int | None, upright: bool, radius: float | None
-) -> tuple[dict[str, Any], Any]:
+def _virtual(file: Path | None, seed: int, first: int | None, upright: bool, radius: float | None) -> dict[str, Any]:
     from device.structure_database import shipped_knowledge
-    from device.structure_json import map_json, truth_json
+    from device.structure_json import truth_json
     from device.structure_run import VirtualChamber, run_events
     from device.structure_scores import scores
     from drivers.virtual.chamber.structure import load_structure
@@ -97,16 +95,14 @@ def _virtual(
         raise Invalid("The path of the structure file is too short for a single scan.")
     found = mapper.result()
     return {
-        **map_json(found),
         **_of_run(run, found),
         "truth": truth_json(chamber.structure),
         "scores": scores(run, found, chamber),
-    }, found
+    }
 
 
-def _recorded(folder: Path, log: Path, first: int | None, upright: bool, radius: float | None) -> tuple[dict[str, Any], Any]:
+def _recorded(folder: Path, log: Path, first: int | None, upright: bool, radius: float | None) -> dict[str, Any]:
     from device.structure_database import shipped_knowledge
-    from device.structure_json import map_json
     from device.structure_run import recorded_mapper, run_events
     from drivers.navigation.recorded import merged_events, read_log, scan_files
 
@@ -118,7 +114,7 @@ def _recorded(folder: Path, log: Path, first: int | None, upright: bool, radius:
     if not run.results:
         raise Invalid(f"No scan in {folder} lies within the time of {log}.")
     found = mapper.result()
-    return {**map_json(found), **_of_run(run, found)}, found
+    return _of_run(run, found)
 
 
 def _settings(upright: bool, radius: float) -> Any:
@@ -130,22 +126,9 @@ def _settings(upright: bool, radius: float) -> Any:
 
 
 def _of_run(run: Any, found: Any) -> dict[str, Any]:
-    from device.structure_json import suggestion_json
-    from estimators.structure.next_view import next_view
+    from device.structure_told import told
 
-    mapper = run.mapper
-    depths = [float(state[2]) for state in run.track.states]
-    seen = {number: record.seen_from for number, record in mapper.objects.items()}
-    suggestion = next_view(found.objects, seen, mapper.knowledge.views, min(depths), max(depths))
     return {
-        "scans": mapper.scans,
+        **told(run.mapper, found, run.track.times, run.track.states),
         "seconds_per_scan": round(float(np.mean(run.seconds)), 4),
-        "consistent": not mapper.lost and mapper.inconsistent < 0.2 * max(mapper.scans, 1),
-        "next_view": None if suggestion is None else suggestion_json(suggestion),
-        "inconsistent_scans": mapper.inconsistent,
-        "refused_readings": mapper.refused,
-        "track": [
-            {"time_s": round(t, 3), "position": [round(float(x), 4) for x in state[:3]]}
-            for t, state in zip(run.track.times, run.track.states, strict=True)
-        ],
     }

@@ -1,4 +1,4 @@
-"""The semantic map as files for other programs: a JSON graph, PLY and glTF meshes."""
+"""The semantic map, as ``structure_told`` states it, as files for other programs: a JSON graph, PLY and glTF meshes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import numpy as np
 from device.durable import write_whole
 from device.errors import Invalid
 from device.json_text import dumps
-from device.structure_json import map_json
 from drivers.virtual.chamber.objects import solids_of
 from drivers.virtual.chamber.solids import Box, Cylinder, Solid, Sphere
-from estimators.structure.graph import MapObject, StructureMap
-from estimators.structure.types import CLASSES
 
 KINDS = (".json", ".ply", ".glb")
+MIME = {"json": "application/json", "ply": "application/octet-stream", "glb": "model/gltf-binary"}
+_Map = dict[str, Any]
 _COLOURS = {
     "pipe": (150, 160, 170),
     "ball valve": (214, 39, 40),
@@ -36,37 +35,42 @@ def check_export(path: Path) -> None:
         raise Invalid(f"There is no folder {path.parent}.")
 
 
-def export_map(found: StructureMap, path: Path) -> None:
+def export_map(told: _Map, path: Path) -> None:
     """Save the map. Raises Invalid where the file cannot be written."""
     check_export(path)
-    kind = path.suffix.lower()
-    data = dumps(graph_json(found)).encode() if kind == ".json" else _mesh_bytes(found, kind.removeprefix("."))
     try:
-        write_whole(path, data)
+        write_whole(path, map_bytes(told, path.suffix.lower().removeprefix(".")))
     except OSError as error:
         raise Invalid(f"The map cannot be saved as {path}: {error.strerror}.") from error
 
 
-def graph_json(found: StructureMap) -> dict[str, Any]:
+def map_bytes(told: _Map, kind: str) -> bytes:
+    """The map as "json", "ply" or "glb". Raises Invalid where there is nothing to draw."""
+    if kind == "json":
+        return dumps(graph_json(told)).encode()
+    if not told["pipes"] and not told["objects"]:
+        raise Invalid("The map is empty: there is nothing to draw.")
+    return _mesh_bytes(told, kind)
+
+
+def graph_json(told: _Map) -> _Map:
     """Nodes (objects) and pipes as links, in the node-link form that graph programs read (networkx, d3)."""
-    told = map_json(found)
     nodes = [{"id": f"object {thing['number']}", "kind": "object", **thing} for thing in told["objects"]]
     nodes += [{"id": f"pipe {pipe['number']}", "kind": "pipe", **pipe} for pipe in told["pipes"]]
     links = [{"source": f"object {edge['object']}", "target": f"pipe {edge['pipe']}", **edge} for edge in told["edges"]]
     return {"directed": False, "multigraph": False, "graph": {"frame": "north, east, down (m)"}, "nodes": nodes, "links": links}
 
 
-def _mesh_bytes(found: StructureMap, kind: str) -> bytes:
+def _mesh_bytes(told: _Map, kind: str) -> bytes:
     import trimesh  # a third of a second, and nobody else needs it
 
     parts = []
-    for pipe in found.pipes:
-        mesh = trimesh.creation.cylinder(pipe.radius, segment=[pipe.start, pipe.end], sections=24)
-        parts.append((f"pipe {pipe.number}", mesh, _COLOURS["pipe"]))
-    for thing in found.objects:
-        label = CLASSES[thing.label]
-        pieces = [_mesh(solid, trimesh) for solid in _placed(thing, label)]
-        parts.append((f"{label} {thing.number}", trimesh.util.concatenate(pieces), _COLOURS[label]))
+    for pipe in told["pipes"]:
+        mesh = trimesh.creation.cylinder(pipe["radius_m"], segment=[pipe["from"], pipe["to"]], sections=24)
+        parts.append((f"pipe {pipe['number']}", mesh, _COLOURS["pipe"]))
+    for thing in told["objects"]:
+        pieces = [_mesh(solid, trimesh) for solid in _placed(thing)]
+        parts.append((f"{thing['class']} {thing['number']}", trimesh.util.concatenate(pieces), _COLOURS[thing["class"]]))
     for _, mesh, colour in parts:
         mesh.visual.vertex_colors = np.array([*colour, 255], dtype=np.uint8)
     if kind == "ply":
@@ -79,15 +83,18 @@ def _mesh_bytes(found: StructureMap, kind: str) -> bytes:
     return bytes(scene.export(None, file_type="glb"))
 
 
-def _placed(thing: MapObject, label: str) -> list[Solid]:
-    rotation = np.eye(3) if thing.orientation is None else thing.orientation
-    if thing.orientation is None and len(thing.pipes):
-        x = thing.pipes[0]
+def _placed(thing: _Map) -> list[Solid]:
+    """The solids of an object where it stands; turned as its pipes tell where nothing else does."""
+    rotation = np.eye(3)
+    if thing["orientation"] is not None:
+        rotation = np.array(thing["orientation"]).T
+    elif thing["pipes"]:
+        x = np.array(thing["pipes"][0])
         y = np.cross(x, np.eye(3)[int(np.argmin(np.abs(x)))])
         y /= np.linalg.norm(y)
         rotation = np.column_stack([x, y, np.cross(x, y)])
-    is_open = thing.handle is None or thing.handle.is_open is not False
-    return [solid.moved(rotation, thing.position) for solid in solids_of(label, is_open)]
+    solids = solids_of(thing["class"], thing["open"] is not False)
+    return [solid.moved(rotation, np.array(thing["position"])) for solid in solids]
 
 
 def _mesh(solid: Solid, trimesh: Any) -> Any:

@@ -11,6 +11,7 @@ from drivers.depth.base import DepthCamera, DepthSettings
 from drivers.encoder.base import Encoder
 from drivers.grabber.base import FrameGrabber
 from drivers.lamp.base import Lamp
+from drivers.navigation.base import NavigationSensor
 from drivers.stereo.base import StereoCamera
 
 DEPTH_CAMERAS: dict[str, str] = {
@@ -47,6 +48,13 @@ LAMPS: dict[str, str] = {
 }
 """Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the lamp."""
 
+NAVIGATION: dict[str, str] = {
+    "waterlinked": "drivers.navigation.dvl:WaterLinkedDvl",
+    "nmea": "drivers.navigation.pressure:NmeaPressure",
+    "vectornav": "drivers.navigation.ahrs:VectorNavAhrs",
+    "xsens": "drivers.navigation.ahrs:XsensAhrs",
+}
+"""Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the sensor."""
 
 STEREO_CAMERAS: dict[str, str] = {
     "replay": "drivers.stereo.replay:PairReplay",
@@ -95,6 +103,16 @@ def open_encoder(kind: str, **arguments: Any) -> Encoder:
     SensorMissing for an unknown kind, ValueError for arguments that cannot be.
     """
     maker: Callable[..., Encoder] = _named(ENCODERS, kind, "tether encoder")
+    return maker(**arguments)
+
+
+def open_navigation(kind: str, **arguments: Any) -> NavigationSensor:
+    """The DVL ("waterlinked"), pressure sensor ("nmea") or AHRS ("vectornav", "xsens") of a kind, made but not yet running.
+
+    ``arguments``: all take ``port`` and ``baud``, "nmea" also ``density``, ``surface_pa`` and ``sigma``. Raises SensorMissing
+    for an unknown kind, ValueError for arguments that cannot be.
+    """
+    maker: Callable[..., NavigationSensor] = _named(NAVIGATION, kind, "navigation sensor")
     return maker(**arguments)
 
 

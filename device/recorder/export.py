@@ -1,4 +1,5 @@
-"""A recording as plain files: pictures with a manifest that ``borescout measure --replay`` reads, tables, and point clouds."""
+"""A recording as plain files: pictures with a manifest that ``borescout measure --replay`` reads, scans and navigation that
+``borescout structure`` reads, tables, and point clouds."""
 
 from __future__ import annotations
 
@@ -24,9 +25,13 @@ from device.recorder.schemas import Message, foxglove_schema
 from device.recorder.writer import LogWriter
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
+from drivers.navigation.readings import Attitude, Depth, NavReading, Velocity
+from drivers.navigation.recorded import LogHeader, log_rows
+from drivers.navigation.scans import Scan
 from estimators.pinhole import rays
 
 MANIFEST, READINGS, NOTES, PICTURES, CLOUDS = "manifest.json", "tether.csv", "notes.jsonl", "pictures.csv", "clouds.mcap"
+SCANS, NAVIGATION = "scans", "navigation.csv"
 _THIN = 2
 """Every second pixel of every second row: as many points as can be looked at."""
 
@@ -54,6 +59,7 @@ class _Export:
         self._folder = folder
         self._clouds = clouds
         self._about = {"pipe": (head.get("pipe") or {}).get("name"), "position": head.get("position")}
+        self._mount = _mount_of(head)
         self._cloud_log: LogWriter | None = None
         self._manifest: list[dict[str, Any]] = []
         self._files: dict[str, TextIO] = {}
@@ -80,10 +86,24 @@ class _Export:
             told = vars(sample)
             self._row(READINGS, list(told), ["" if value is None else value for value in told.values()])
             self.counts["readings"] += 1
+        elif isinstance(sample, Scan):
+            self._scan(sample)
+        elif isinstance(sample, Velocity | Depth | Attitude):
+            self._reading(sample)
         else:
             note: Any = asdict(sample) if isinstance(sample, Words) else sample
             self._open(NOTES).write(dumps({"topic": entry.topic, "log_ns": entry.log_ns, "told": note}) + "\n")
             self.counts["notes"] += 1
+
+    def _scan(self, scan: Scan) -> None:
+        (self._folder / SCANS).mkdir(exist_ok=True)
+        (self._folder / SCANS / f"{scan.time_s:.4f}.ply").write_bytes(ply_bytes(scan))
+        self.counts["scans"] += 1
+
+    def _reading(self, reading: NavReading) -> None:
+        *header, row = log_rows(self._mount, [reading])
+        csv.writer(self._open(NAVIGATION)).writerows([row] if self.counts["navigation readings"] else [*header, row])
+        self.counts["navigation readings"] += 1
 
     def _depth(self, topic: str, frame: DepthFrame, log_ns: int) -> None:
         name = topic.strip("/").replace("/", "-")
@@ -140,6 +160,25 @@ class _Export:
         if file not in self._files:
             self._files[file] = (self._folder / file).open("w", encoding="utf-8", newline="")
         return self._files[file]
+
+
+def _mount_of(head: dict[str, Any]) -> LogHeader:
+    """How the scanner of a structure survey was mounted; nothing of other surveys."""
+    setup = head.get("setup") or {}
+    if "mount" not in setup:
+        return LogHeader()
+    forward = np.array(setup["mount"])[:, 2]
+    x, y, z = setup["offset"]
+    return LogHeader(float(np.arctan2(forward[2], forward[0])), (x, y, z))
+
+
+def ply_bytes(scan: Scan) -> bytes:
+    """A binary PLY file of the scan, each point with its moment after the scan's (s)."""
+    late = np.zeros(len(scan.points)) if scan.late_s is None else scan.late_s
+    names = ("x", "y", "z", "late_s")
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(scan.points)}"]
+    head += [*(f"property float {name}" for name in names), "end_header", ""]
+    return "\n".join(head).encode() + np.column_stack([scan.points, late]).astype("<f4").tobytes()
 
 
 def point_cloud(topic: str, frame: DepthFrame, log_ns: int) -> bytes:

@@ -24,6 +24,7 @@ from device.recorder.samples import Picture, Sample, size_of
 from device.recorder.schemas import messages
 from device.recorder.writer import LogWriter
 from drivers.depth.base import DepthFrame
+from drivers.navigation.scans import Scan
 
 log = logging.getLogger(__name__)
 
@@ -150,7 +151,7 @@ class Recorder:
         """Hand over a sample; False where it is not recorded: the queue is full, or nothing is recorded any more."""
         now = time.monotonic_ns()
         size = size_of(sample)
-        large = isinstance(sample, DepthFrame | Picture)
+        large = isinstance(sample, DepthFrame | Picture | Scan)
         with self._condition:
             sequence = self._sequences[topic]
             self._sequences[topic] += 1

@@ -1,4 +1,5 @@
-"""What can be recorded: depth frames, pictures as JPEG, counter readings, words for the operator, and notes of any kind."""
+"""What can be recorded: depth frames, pictures as JPEG, scans, readings of counter and navigation, words for the operator, and
+notes of any kind."""
 
 from __future__ import annotations
 
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame
+from drivers.navigation.readings import NavReading
+from drivers.navigation.scans import Scan
 
 JPEG_QUALITY = 90
 _PNG = b"\x89PNG"
@@ -49,7 +52,7 @@ class Words:
     text: str
 
 
-Sample = DepthFrame | Picture | Reading | Words | Note
+Sample = DepthFrame | Picture | Reading | Scan | NavReading | Words | Note
 
 
 def picture(frame: VideoFrame, lossless: bool = False) -> Picture:
@@ -87,4 +90,6 @@ def size_of(sample: Sample) -> int:
     """Bytes that the sample holds in memory, roughly."""
     if isinstance(sample, DepthFrame):
         return sample.depth.nbytes + (0 if sample.color is None else sample.color.nbytes)
+    if isinstance(sample, Scan):
+        return 16 * len(sample.points)
     return len(sample.jpeg) if isinstance(sample, Picture) else 500

@@ -16,17 +16,21 @@ import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from device.json_text import dumps
+from device.recorder.chamber import cloud_bytes, reading_from, reading_json, scan_from, scan_text
 from device.recorder.samples import Picture, Sample, Words, decoded, encoded
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
+from drivers.navigation.readings import Attitude, Depth, Velocity
+from drivers.navigation.scans import Scan
 from estimators.pinhole import Intrinsics
 
-DEPTH, COLOR, CALIBRATION, FRAME, IMAGE = "depth", "color", "calibration", "frame", "image"
+DEPTH, COLOR, CALIBRATION, FRAME, IMAGE, POINTS = "depth", "color", "calibration", "frame", "image", "points"
 _DISTORTION = {"none": "", "brown_conrady": "plumb_bob", "modified_brown_conrady": "plumb_bob"}
 
 
@@ -79,6 +83,9 @@ READING = _json(
     speed="number",
     tension="number",
 )
+POINT_CLOUD = foxglove_schema(PointCloud)
+SCAN_FRAME = _json("ScanFrame", time_s="number", swept="boolean")
+NAVIGATION = _json("Navigation", sensor="string", time_s="number", sigma="number")
 NOTE = _json("Note")
 
 
@@ -107,6 +114,11 @@ def messages(topic: str, sample: Sample, stamp_ns: int, calibrated: set[str]) ->
         yield Message(f"{topic}/{FRAME}", VIDEO_FRAME, _text(told))
     elif isinstance(sample, Reading):
         yield Message(topic, READING, _text(vars(sample)))
+    elif isinstance(sample, Scan):
+        yield Message(f"{topic}/{POINTS}", POINT_CLOUD, cloud_bytes(topic.rpartition("/")[2], sample, stamp_ns))
+        yield Message(f"{topic}/{FRAME}", SCAN_FRAME, scan_text(sample))
+    elif isinstance(sample, Velocity | Depth | Attitude):
+        yield Message(topic, NAVIGATION, _text(reading_json(sample)))
     elif isinstance(sample, Words):
         line = Log(timestamp=_time(stamp_ns), level=Log.Level.WARNING, message=sample.text, name=sample.code)
         yield Message(topic, LOG, line.SerializeToString())
@@ -176,6 +188,8 @@ class Gathering:
         self._makers: dict[str, Callable[[str, int, bytes], Sample | None]] = {
             DEPTH_FRAME.name: self._depth_frame,
             VIDEO_FRAME.name: self._picture,
+            SCAN_FRAME.name: self._scan,
+            NAVIGATION.name: lambda topic, sequence, data: reading_from(data),
             READING.name: lambda topic, sequence, data: Reading(**json.loads(data)),
             LOG.name: _words,
             NOTE.name: lambda topic, sequence, data: json.loads(data),
@@ -187,7 +201,8 @@ class Gathering:
         if maker is None:
             self._parts[topic] = sequence, data
             return None
-        whole = topic.removesuffix(f"/{FRAME}") if schema in (DEPTH_FRAME.name, VIDEO_FRAME.name) else topic
+        framed = schema in (DEPTH_FRAME.name, VIDEO_FRAME.name, SCAN_FRAME.name)
+        whole = topic.removesuffix(f"/{FRAME}") if framed else topic
         sample = maker(whole, sequence, data)
         return None if sample is None else (whole, sample)
 
@@ -217,6 +232,10 @@ class Gathering:
     def _picture(self, topic: str, sequence: int, data: bytes) -> Picture | None:
         image = self._part(f"{topic}/{IMAGE}", sequence)
         return None if image is None else Picture(CompressedImage.FromString(image).data, **json.loads(data))
+
+    def _scan(self, topic: str, sequence: int, data: bytes) -> Scan | None:
+        cloud = self._part(f"{topic}/{POINTS}", sequence)
+        return None if cloud is None else scan_from(cloud, data)
 
 
 def _words(topic: str, sequence: int, data: bytes) -> Words:

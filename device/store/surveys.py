@@ -20,6 +20,7 @@ _DAY_MS = 86_400_000
 _IDENTITY = ("camera", "position", "diameter_mm", "frames")
 """What a conclusion leaves as it was in the result it was drawn from."""
 _DRIVE_FIELDS = ("landmarks", "from_m", "to_m", "frames", "seconds")
+_STRUCTURE_FIELDS = ("pipes", "objects", "unsure", "scans", "consistent", "seconds")
 _ANOMALY_FIELDS = ("score_mm", "outward_mm", "coverage", "chainage_m", "regions")
 _NO_DIAMETER: dict[str, Any] = {
     "diameter_mm": None,
@@ -67,13 +68,14 @@ class Surveys:
             _abandon(connection, survey_id)
 
     def abandon_unfinished(self) -> int:
-        """What a power cut left in the state "measuring" is abandoned, but for drives; how many there were."""
+        """What a power cut left in the state "measuring" is abandoned, but for drives and chambers; how many there were."""
         with self._database.write() as connection:
             unfinished = [
                 row["id"]
                 for row in connection.execute(
                     "SELECT id FROM surveys WHERE state = 'measuring'"
                     " AND NOT EXISTS (SELECT 1 FROM drives WHERE survey_id = surveys.id)"
+                    " AND NOT EXISTS (SELECT 1 FROM structures WHERE survey_id = surveys.id)"
                 )
             ]
             for survey_id in unfinished:
@@ -138,16 +140,19 @@ class Surveys:
     def summaries(self, pipe_id: int | None, limit: int, before: int | None) -> list[dict[str, Any]]:
         """Newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}.
 
-        Of a drive there is no diameter and no verdict, but "landmarks", "from_m" and "to_m".
+        Of a drive there is no diameter and no verdict, but "landmarks", "from_m" and "to_m"; of a chamber "node", "pipes",
+        "objects" and "scans".
         """
         with self._database.read() as connection:
             rows = connection.execute(
-                "SELECT surveys.*, pipes.name AS pipe_name, findings.body, drives.summary FROM surveys"
+                "SELECT surveys.*, pipes.name AS pipe_name, findings.body,"
+                " coalesce(drives.summary, structures.summary) AS summary, nodes.name AS node_name FROM surveys"
                 " LEFT JOIN pipes ON pipes.id = pipe_id"
                 " LEFT JOIN findings ON findings.survey_id = surveys.id AND recording_id IS NULL"
                 " LEFT JOIN drives ON drives.survey_id = surveys.id"
-                " WHERE NOT surveys.deleted"
-                " AND (findings.id IS NOT NULL OR drives.survey_id IS NOT NULL AND surveys.state <> 'measuring')"
+                " LEFT JOIN structures ON structures.survey_id = surveys.id LEFT JOIN nodes ON nodes.id = node_id"
+                " WHERE NOT surveys.deleted AND (findings.id IS NOT NULL"
+                " OR surveys.state <> 'measuring' AND coalesce(drives.survey_id, structures.survey_id) IS NOT NULL)"
                 " AND (:pipe IS NULL OR pipe_id = :pipe) AND (:before IS NULL OR surveys.id < :before)"
                 " ORDER BY surveys.id DESC LIMIT :limit",
                 {"pipe": pipe_id, "before": before, "limit": limit},
@@ -168,12 +173,12 @@ class Surveys:
                 "SELECT body FROM findings WHERE survey_id = ? AND recording_id IS NULL", (survey_id,)
             ).fetchone()
             operator = _operator(connection, survey_id)
-            drive = connection.execute("SELECT 1 FROM drives WHERE survey_id = ?", (survey_id,)).fetchone()
+            judged = row["kind"] not in ("landmarks", "structure")
         result = json.loads(conclusion["body"]) if conclusion else None
         verdict: str | None
         by: str | None
         verdict, by = joint_verdict(result["verdict"] if result else "retry", operator)
-        if drive is not None:
+        if not judged:
             verdict, by = None, None
         return {
             "id": survey_id,
@@ -374,8 +379,10 @@ def _summary(row: sqlite3.Row, operator: dict[str, Any] | None) -> dict[str, Any
         "state": row["state"],
     }
     if row["summary"] is not None:
-        drive = json.loads(row["summary"])
-        return {**common, **{key: drive.get(key) for key in _DRIVE_FIELDS}, **_NO_DIAMETER}
+        told, chamber = json.loads(row["summary"]), row["kind"] == "structure"
+        fields = _STRUCTURE_FIELDS if chamber else _DRIVE_FIELDS
+        node = {"node": row["node_name"]} if chamber else {}
+        return {**common, **node, **{key: told.get(key) for key in fields}, **_NO_DIAMETER}
     result = json.loads(row["body"])
     verdict, by = joint_verdict(result["verdict"], operator)
     return {

@@ -17,6 +17,7 @@ class NavigationSensor(ABC):
     """
 
     name: str = "navigation sensor"
+    notice: str = ""
 
     def __init__(self, port: str, baud: int) -> None:
         self._line = SerialLine(self.name, port, baud)
@@ -46,6 +47,10 @@ class NavigationSensor(ABC):
                     raise BadFrame(f"The {self.name} sends what is no reading, {shown(refused)}: check its baud rate.")
                 raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:g} s.")
         return self._waiting.pop(0)
+
+    def reset(self) -> None:
+        """None of them can be reset from here: closed, to be opened again."""
+        self.close()
 
     def close(self) -> None:
         """Stop and release. Never raises, may be called twice."""

@@ -7,8 +7,19 @@ from dataclasses import dataclass
 Triple = tuple[float, float, float]
 
 
+class _Timed:
+    """``time_s`` of a live reading is the host's monotonic clock."""
+
+    time_s: float
+
+    @property
+    def monotonic_ns(self) -> int:
+        """When it was taken on the host's clock."""
+        return round(self.time_s * 1e9)
+
+
 @dataclass(frozen=True)
-class Velocity:
+class Velocity(_Timed):
     """A DVL: velocity over ground (m/s) along the vehicle's axes forward, right, down; ``sigma`` of each."""
 
     time_s: float
@@ -18,7 +29,7 @@ class Velocity:
 
 
 @dataclass(frozen=True)
-class Depth:
+class Depth(_Timed):
     """A pressure sensor: metres below the surface."""
 
     time_s: float
@@ -27,7 +38,7 @@ class Depth:
 
 
 @dataclass(frozen=True)
-class Attitude:
+class Attitude(_Timed):
     """An AHRS: roll, pitch and yaw (rad) and, where it tells them, their rates (rad/s); ``sigma`` of each angle."""
 
     time_s: float

@@ -1,4 +1,6 @@
-"""Recorded navigation and scans: a CSV log, and a folder of PLY or PCD files named by their times.
+"""Recorded navigation and scans: a CSV log, and a folder of PLY or PCD files named by their times (s).
+
+A scanner sweeps: where a PLY file has a property ``late_s``, each point was seen so long after the file's time.
 
 The log has a line for each reading, ``time_s,sensor`` and then numbers:
 
@@ -126,19 +128,27 @@ def scan_files(folder: Path) -> list[tuple[float, Path]]:
 
 def read_scan(time_s: float, path: Path) -> Scan:
     """One file. Raises RecordingBroken."""
+    late: NDArray[np.float64] | None = None
     try:
-        points = _read_ply(path) if path.suffix.lower() == ".ply" else read_pcd(path)
+        if path.suffix.lower() == ".ply":
+            points, late = _read_ply(path)
+        else:
+            points = read_pcd(path)
     except (OSError, ValueError, KeyError, IndexError, AttributeError) as error:
         raise RecordingBroken(f"The scan {path} cannot be read: {error}.") from error
-    points = points[np.isfinite(points).all(axis=1) & (np.abs(points).max(axis=1) > 0)]
-    return Scan(time_s, points)
+    kept = np.isfinite(points).all(axis=1) & (np.abs(points).max(axis=1) > 0)
+    return Scan(time_s, points[kept], None if late is None else late[kept])
 
 
-def _read_ply(path: Path) -> NDArray[np.float64]:
+def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Points (N, 3) and, where the file has a property ``late_s``, when each was seen after the scan's time (N,)."""
     import trimesh  # a third of a second, and only recordings need it
 
     cloud: Any = trimesh.load(path, file_type="ply", process=False)
-    return np.asarray(cloud.vertices, dtype=np.float64).reshape(-1, 3)
+    points = np.asarray(cloud.vertices, dtype=np.float64).reshape(-1, 3)
+    told = cloud.metadata.get("_ply_raw", {}).get("vertex", {}).get("data")
+    names = () if told is None or getattr(told, "dtype", None) is None else (told.dtype.names or ())
+    return points, np.asarray(told["late_s"], dtype=np.float64).reshape(-1) if "late_s" in names else None
 
 
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8", ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("I", 4): "<i4", ("I", 2): "<i2"}

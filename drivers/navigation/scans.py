@@ -1,7 +1,8 @@
-"""One scan of a scanner or depth camera, from a folder of files or from a twin."""
+"""One scan of a scanner or depth camera, from a folder of files or from a twin, and the scanner as the house sees it."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,34 @@ class Scan:
     time_s: float
     points: NDArray[np.float64]
     late_s: NDArray[np.float64] | None = None
+
+    @property
+    def monotonic_ns(self) -> int:
+        """When a live scan was taken on the host's clock."""
+        return round(self.time_s * 1e9)
+
+
+class Scanner(ABC):
+    """A scanner that sends whole clouds, its ``time_s`` the host's monotonic clock."""
+
+    name: str = "scanner"
+    notice: str = ""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Start. Raises SensorMissing where there is none."""
+
+    @abstractmethod
+    def read(self, timeout_s: float = 5.0) -> Scan:
+        """The next scan. Raises FrameTimeout, BadFrame, SensorLost."""
+
+    def reset(self) -> None:
+        """Reset the hardware, where it can; the default only closes."""
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Stop and release. Never raises, may be called twice."""
 
 
 @dataclass(frozen=True)
