@@ -29,10 +29,10 @@ def deviation_overlay(picture: Picture, step: float, findings: PairFindings) -> 
     height, width = picture.shape[:2]
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
     camera = followed.wall.rig.intrinsics
-    x, y = (u + 0.5) * step - 0.5 - camera.ppx, ((v + 0.5) * step - 0.5 - camera.ppy) * (camera.fx / camera.fy)
-    theta, rho = np.arctan2(y, x), np.hypot(x, y)
-    constant, slope = followed.wall.profile(theta)
-    depth = constant / np.maximum(rho / camera.fx - slope, 1e-6)
+    wall, middle = followed.wall, (grid.depth[0] + grid.depth[-1]) / 2
+    ray_x, ray_y = ((u + 0.5) * step - 0.5 - camera.ppx) / camera.fx, ((v + 0.5) * step - 0.5 - camera.ppy) / camera.fy
+    depth = wall.meet(ray_x, ray_y, np.minimum(wall.first_guess(ray_x, ray_y), 3 * middle))
+    theta = wall.about(ray_x, ray_y, depth)[0]
     row = ((depth - grid.depth[0]) / grid.cell_m[0]).astype(np.float32)
     column = ((theta + np.pi) / grid.cell_m[1] - 0.5).astype(np.float32)
     inside = (row >= 0) & (row < len(grid.depth) - 1)
@@ -46,8 +46,8 @@ def deviation_overlay(picture: Picture, step: float, findings: PairFindings) -> 
     strength = np.where(shown, np.clip((np.abs(deviation) - _QUIET_M) / (FULL_SCALE_M - _QUIET_M), 0, 1), 0.0)
     colour = np.where((deviation < 0)[..., None], (40, 40, 255), (255, 120, 30)).astype(np.float32)
     mixed = picture * (1 - 0.85 * strength[..., None]) + colour * (0.85 * strength[..., None])
-    wall = np.where(inside, there(followed.ends.inside.astype(np.float32)), 0.0) > 0.5
-    edge = cv2.morphologyEx(wall.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+    on_wall = np.where(inside, there(followed.ends.inside.astype(np.float32)), 0.0) > 0.5
+    edge = cv2.morphologyEx(on_wall.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
     out = np.clip(mixed, 0, 255).astype(np.uint8)
     out[edge] = _END_COLOUR
     return np.asarray(out, dtype=np.uint8)

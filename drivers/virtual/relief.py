@@ -16,6 +16,8 @@ Height = Callable[[Array, Array], Array]
 Raised = Connection | Patch | DisplacedJoint
 SETTLED_M = 1.2
 """Behind a displaced joint the pipe is back in line after so much (m)."""
+_HALVED = 3
+"""How often the last step to a surface is halved: a ray that grazes the wall passes centimetres of pipe from shell to shell."""
 _FOOT = 0.25
 """Share of a deposit's length and width over which it rises."""
 
@@ -68,27 +70,43 @@ def march(
     origin: tuple[float, float, float],
     ray: tuple[Array, Array, Array],
     shells: int = 16,
+    beyond: Array | None = None,
 ) -> Array:
-    """Depth along rays (n,) at which they meet the surface at ``radius`` less ``height``, which lies between ``low`` and
-    ``high``: through so many ``shells`` of growing radius, the last step by the secant. Rays that meet nothing end on the last
-    shell."""
+    """Depth along rays (n,) at which they meet the surface at ``radius`` less ``height``. It lies between ``low`` and ``high``
+    before ``radius``, or before ``beyond`` (n,) where given, the radius at which each ray meets the bare wall: through so many
+    ``shells`` of growing radius, then by halves, the last step by the secant. Rays that meet nothing end on the last shell."""
     (ox, oy, oz), (dx, dy, dz) = origin, ray
     a = dx * dx + dy * dy + np.float32(1e-12)
     b = np.float32(ox) * dx + np.float32(oy) * dy
     away = np.float32(ox * ox + oy * oy)
+    bare = np.float32(radius) if beyond is None else beyond
     hit = np.zeros(dx.shape, bool)
-    met = np.zeros(dx.shape, np.float32)
     depth_before = gap_before = np.zeros(dx.shape, np.float32)
-    for shell in np.linspace(radius - high, radius - low, shells):
-        depth = (np.sqrt(np.maximum(b * b - a * (away - np.float32(shell**2)), 0)) - b) / a
-        z, angle = np.float32(oz) + depth * dz, np.arctan2(np.float32(oy) + depth * dy, np.float32(ox) + depth * dx)
-        gap = np.float32(shell - radius) + height(z, angle)
+
+    def below(depth: Array) -> Array:
+        """How far (m) a place on the rays lies behind the surface."""
+        x, y = np.float32(ox) + depth * dx, np.float32(oy) + depth * dy
+        return np.asarray(
+            np.hypot(x, y) - np.float32(radius) + height(np.float32(oz) + depth * dz, np.arctan2(y, x)), np.float32
+        )
+
+    near, near_gap, far, far_gap = (np.zeros(dx.shape, np.float32) for _ in range(4))
+    for level in np.linspace(high, low, shells, dtype=np.float32):
+        depth = np.asarray((np.sqrt(np.maximum(b * b - a * (away - (bare - level) ** 2), 0)) - b) / a, np.float32)
+        gap = below(depth)
         inside = (gap >= 0) & (depth > 0) & ~hit
-        share = np.where(gap_before < 0, gap_before / np.minimum(gap_before - gap, np.float32(-1e-9)), np.float32(1))
-        met = np.where(inside, depth_before + share * (depth - depth_before), met)
+        near, near_gap = np.where(inside, depth_before, near), np.where(inside, gap_before, near_gap)
+        far, far_gap = np.where(inside, depth, far), np.where(inside, gap, far_gap)
         hit |= inside
         depth_before, gap_before = depth, gap
-    return np.asarray(np.where(hit, met, depth_before), np.float32)
+    for _ in range(_HALVED):
+        middle = np.asarray((near + far) / 2, np.float32)
+        gap = below(middle)
+        behind = gap >= 0
+        near, near_gap = np.where(behind, near, middle), np.where(behind, near_gap, gap)
+        far, far_gap = np.where(behind, middle, far), np.where(behind, gap, far_gap)
+    share = np.where(near_gap < 0, near_gap / np.minimum(near_gap - far_gap, np.float32(-1e-9)), np.float32(1))
+    return np.asarray(np.where(hit, near + share * (far - near), depth_before), np.float32)
 
 
 def patch_shape(patch: Patch, z: Array, angle: Array) -> Array:

@@ -18,6 +18,8 @@ from drivers.virtual.relief import Relief, march
 NOTHING, WALL, END, WATER, DEPOSIT, CHAMBER, JOINT = range(7)
 """Materials that a ray can end on."""
 Array = NDArray[np.float32]
+_TURNS = 0.05
+"""By how much, as a share of its radius, a profile that is not round may differ within the turn that a ray makes near it."""
 
 
 @dataclass(frozen=True)
@@ -140,9 +142,17 @@ class VirtualSewer:
             shape = np.float32(local) * (np.float32(self.radius) - self.profile.radius(angle))
             return np.asarray(self.relief.height(z, angle) + shape, np.float32)
 
-        spread = local * max(abs(radius - self.radius) for radius in self.profile.radii)
-        low, high = self.relief.low - spread, self.relief.high + spread
-        met = march(height, self.radius, low, high, (ox, oy, oz), (rays[:, 0], rays[:, 1], rays[:, 2]))
+        x, y = hit[near][:, 0] + np.float32(ox), hit[near][:, 1] + np.float32(oy)
+        spare = local * _TURNS * self.radius
+        met = march(
+            height,
+            self.radius,
+            self.relief.low - spare,
+            self.relief.high + spare,
+            (ox, oy, oz),
+            (rays[:, 0], rays[:, 1], rays[:, 2]),
+            beyond=np.hypot(x, y),
+        )
         depth = depth.copy()
         nominal, changed = depth[near], np.abs(met - depth[near]) > 1e-4
         depth[near] = np.where(changed, met, nominal)

@@ -25,22 +25,24 @@ _REACH = 0.75
 @dataclass(frozen=True)
 class PointDeviations:
     """One value for each cell of the followed wall's grid (Z, A), nan where no depth can be trusted: ``depth`` (m) of the
-    point, ``radius`` (m), ``deviation`` (m) and its ``sigma`` (m)."""
+    point, ``radius`` (m) and ``theta`` (rad) about the wall's axis, ``deviation`` (m) and its ``sigma`` (m)."""
 
     depth: Floats
     radius: Floats
     deviation: Floats
     sigma: Floats
+    theta: Floats
 
 
 @dataclass(frozen=True)
 class DeviationMap:
-    """The unrolled wall: ``theta`` (A,) rad, ``depth`` (Z,) m; the rest is (Z, A).
+    """The unrolled wall: ``theta`` (A,) rad about the wall's axis, ``depth`` (Z,) m; the rest is (Z, A).
 
     ``deviation`` (m) and ``sigma`` (m) nan where nothing was measured; ``wall`` what belongs to the wall between its ends;
     ``hidden`` wall that nothing was measured on although the rays about it were: something stands before it. ``area`` (m2) of
     each cell; ``radius`` (m) that the wall should have; ``gain`` by how much the patches agree better where they were found
-    than if the wall stood where it should.
+    than if the wall stood where it should. ``centre`` (Z, 2): where the wall's axis stands at each depth, x and y from the
+    camera's, m; None where that is the wall's.
     """
 
     theta: NDArray[np.float64]
@@ -52,6 +54,16 @@ class DeviationMap:
     area: Floats
     radius: Floats
     gain: Floats
+    centre: NDArray[np.float64] | None = None
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(Z, A, 3) in the camera's frame (m): what was measured, and the wall as it should be where nothing was."""
+        radius = self.radius + np.nan_to_num(self.deviation).astype(np.float64)
+        centre = np.zeros((len(self.depth), 2)) if self.centre is None else self.centre
+        x = centre[:, :1] + radius * np.cos(self.theta)
+        y = centre[:, 1:] + radius * np.sin(self.theta)
+        return np.stack([x, y, np.broadcast_to(self.depth[:, None], x.shape)], axis=-1)
 
     @property
     def measured(self) -> NDArray[np.bool_]:
@@ -65,14 +77,14 @@ def point_deviations(followed: FollowedWall) -> PointDeviations:
     shift = followed.disparity.astype(np.float64) - (wall.rig.offset_px or 0.0)
     usable = followed.usable & (shift > 0)
     depth = np.where(usable, wall.rig.range_px_m / np.where(shift > 0, shift, 1.0), np.nan)
-    radius = grid.rho * depth / wall.rig.focal_px
-    constant, slope = wall.profile(grid.theta)
     with np.errstate(invalid="ignore"):
+        theta, radius = wall.about(grid.u, grid.v, depth)
+        constant, slope = wall.profile(np.nan_to_num(theta))
         deviation = radius - (constant + slope * depth)
         deviation[np.abs(deviation) > _REACH * constant] = np.nan
         sigma = followed.match.sigma * constant / shift
     sigma[~np.isfinite(deviation)] = np.nan
-    return PointDeviations(*(values.astype(np.float32) for values in (depth, radius, deviation, sigma)))
+    return PointDeviations(*(values.astype(np.float32) for values in (depth, radius, deviation, sigma, theta)))
 
 
 def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationMap:
@@ -85,8 +97,8 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
     measured = np.isfinite(points.deviation)
     row = np.floor((points.depth - nearest) / step)
     measured &= (row >= 0) & (row < ROWS)
-    column = np.broadcast_to(np.arange(len(grid.theta)) * ANGLES // len(grid.theta), measured.shape)
-    place = (row[measured].astype(np.int64) * ANGLES) + column[measured]
+    column = np.floor((points.theta[measured].astype(np.float64) + np.pi) * (ANGLES / (2 * np.pi))).astype(np.int64) % ANGLES
+    place = row[measured].astype(np.int64) * ANGLES + column
     cells = ROWS * ANGLES
     weight = 1.0 / np.maximum(points.sigma[measured].astype(np.float64), 1e-5) ** 2
     total = np.bincount(place, weight, cells)
@@ -117,6 +129,7 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
         area.astype(np.float32),
         radius.astype(np.float32),
         gain.astype(np.float32),
+        np.stack(wall.axis.at(depth), axis=1),
     )
 
 

@@ -3,7 +3,8 @@
 On a wall of constant profile R(theta) the disparity rises along every ray from the vanishing point as offset + b rho / R:
 the pipe is a cone in (x, y, disparity) whose apex lies at the vanishing point and at the offset. Whatever offset was
 assumed, eq. 17 of the RADIUS paper fits it exactly, with slopes
-f s(theta) = vanishing point . (cos, sin) - c(theta) (offset error) / b.
+f s(theta) = vanishing point . (cos, sin) - c(theta) (offset error) / b, all about the camera's axis. About another one the
+offset error turns that axis, too, by (its place at depth 0) (offset error) / (f b).
 """
 
 from __future__ import annotations
@@ -53,4 +54,12 @@ def own_offset_std(found: Apex, wall: Wall, around: float) -> float:
 def _solve(wall: Wall, coefficients: Array, seen: Array) -> Array:
     constant, slope = profile_at(coefficients, seen)
     rows = np.stack([np.cos(seen), np.sin(seen), -constant / wall.rig.baseline_m], axis=1)
-    return np.asarray(np.linalg.lstsq(rows, wall.rig.focal_px * slope, rcond=None)[0], dtype=np.float64)
+    solution = np.linalg.lstsq(rows, wall.rig.focal_px * slope, rcond=None)[0]
+    axis, turned = wall.axis, float(solution[2]) / wall.rig.baseline_m
+    return np.array(
+        [
+            solution[0] + wall.rig.focal_px * axis.right + axis.x * turned,
+            solution[1] + wall.rig.focal_px * axis.down + axis.y * turned,
+            solution[2],
+        ]
+    )

@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The line that angles and radii are counted from: at depth z it stands at (x + right z, y + down z), metres.
+
+    The paper counts from the camera's axis. An off-centre circle is then no short Fourier series (eq. 14 holds for small
+    offsets only), and one that drifts with depth is not linear in it; about the pipe's own axis both are exact.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    right: float = 0.0
+    down: float = 0.0
+
+    def at(self, z: Array) -> tuple[Array, Array]:
+        """(x, y) at depths ``z``."""
+        return self.x + self.right * z, self.y + self.down * z
+
+
+CAMERA_AXIS = Axis()
 
 
 def parameters(harmonics: int) -> int:
@@ -19,14 +42,20 @@ def design(theta: Array, z: Array, harmonics: int) -> Array:
     The columns are 1, z, then cos k theta, sin k theta, z cos k theta, z sin k theta for k = 1..K. (The paper prints only the
     terms with z; its text and its code have the constant ones too.)
     """
-    columns = np.empty((parameters(harmonics), len(theta)))
+    return design_towards(np.cos(theta), np.sin(theta), z, harmonics)
+
+
+def design_towards(cosine: Array, sine: Array, z: Array, harmonics: int) -> Array:
+    """``design`` at angles whose cosine and sine are known."""
+    columns = np.empty((parameters(harmonics), len(z)))
     columns[0], columns[1] = 1.0, z
+    c, s = np.ones_like(cosine), np.zeros_like(sine)
     for k in range(1, harmonics + 1):
+        c, s = c * cosine - s * sine, s * cosine + c * sine
         first = 4 * k - 2
-        np.cos(k * theta, out=columns[first])
-        np.sin(k * theta, out=columns[first + 1])
-        np.multiply(columns[first], z, out=columns[first + 2])
-        np.multiply(columns[first + 1], z, out=columns[first + 3])
+        columns[first], columns[first + 1] = c, s
+        np.multiply(c, z, out=columns[first + 2])
+        np.multiply(s, z, out=columns[first + 3])
     return columns.T
 
 
@@ -45,3 +74,13 @@ def profile_at(coefficients: Array, theta: Array) -> tuple[Array, Array]:
         constant = constant + a * cosine + b * sine
         slope = slope + c * cosine + d * sine
     return constant, slope
+
+
+def recentred(coefficients: Array, axis: Axis) -> tuple[Array, Axis]:
+    """The same wall, to first order, about an axis that takes over its first harmonic."""
+    if harmonics_of(coefficients) < 1:
+        return coefficients, axis
+    x, y, right, down = (float(value) for value in coefficients[2:6])
+    moved = coefficients.copy()
+    moved[2:6] = 0.0
+    return moved, Axis(axis.x + x, axis.y + y, axis.right + right, axis.down + down)

@@ -54,7 +54,8 @@ class Shape:
 
 
 def shape_of(wall: Wall, seen: NDArray[np.bool_], theta: Array) -> Shape:
-    """The cross-section at the middle depth of ``wall``; ``seen`` (A,) tells at which angles ``theta`` it was measured.
+    """The cross-section at the middle depth of ``wall``; ``seen`` (A,) tells at which angles ``theta`` about its axis it was
+    measured.
 
     What the rig does not know of its offset and baseline moves every radius alike, and is part of each interval.
     """
@@ -66,6 +67,7 @@ def shape_of(wall: Wall, seen: NDArray[np.bool_], theta: Array) -> Shape:
     radius = rows @ wall.coefficients
     tilt = _lean(wall)
     place = np.stack([radius * np.cos(angle) * tilt[0], radius * np.sin(angle) * tilt[1]], axis=1)
+    middle = np.array([wall.axis.x + wall.axis.right * depth, wall.axis.y + wall.axis.down * depth])
     common = wall.rig.relative_std(depth)
 
     def extent(axis: int) -> Extent | None:
@@ -79,7 +81,7 @@ def shape_of(wall: Wall, seen: NDArray[np.bool_], theta: Array) -> Shape:
         return Extent(value, float(np.sqrt(max(own, 0.0) + (common * value) ** 2)))
 
     width, height = extent(0), extent(1)
-    outline = np.where(known[:, None], place, np.nan)
+    outline = np.where(known[:, None], place + middle, np.nan)
     visible = place[known]
     seen_height = float(np.ptp(visible[:, 1])) if len(visible) else 0.0
     name, fitted_width, fitted_height = _named_shape(visible)
@@ -95,8 +97,8 @@ def _lean(wall: Wall) -> tuple[float, float]:
     """By how much a cut at one depth is wider and higher than one across the pipe, which leans against the camera's axis."""
     if wall.harmonics < 1:
         return 1.0, 1.0
-    sideways, down = wall.coefficients[4], wall.coefficients[5]
-    return float(np.cos(np.arctan(sideways))), float(np.cos(np.arctan(down)))
+    right, down = wall.axis.right + wall.coefficients[4], wall.axis.down + wall.coefficients[5]
+    return float(np.cos(np.arctan(right))), float(np.cos(np.arctan(down)))
 
 
 def _seen_around(angle: Array, known: NDArray[np.bool_], direction: float) -> bool:

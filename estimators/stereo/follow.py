@@ -14,27 +14,39 @@ from numpy.typing import NDArray
 
 from estimators.radial_profile.cone import Apex, apex, own_offset_std
 from estimators.radial_profile.ends import Ends, wall_ends
-from estimators.radial_profile.fit import MAX_HARMONICS, Wall, WallPoints, refine_wall, search_wall
+from estimators.radial_profile.fit import MAX_HARMONICS, UNEVEN, Wall, WallPoints, refine_wall, search_wall
 from estimators.stereo.coarse import CoarseMatch, coarse_match
-from estimators.stereo.on_wall import OUTSIDE, EvenPair, RowMisfit, WallMatch, even_pair, likeness_at, match_on_wall, row_misfit
+from estimators.stereo.on_wall import (
+    OUTSIDE,
+    EvenPair,
+    RowMisfit,
+    WallMatch,
+    even_pair,
+    likeness_at,
+    match_on_wall,
+    row_misfit,
+    windows_of,
+)
 from estimators.stereo.rig import StereoRig
-from estimators.stereo.unrolled import Floats, Unrolled, unroll
+from estimators.stereo.unrolled import ANGLES, ROWS, Floats, Unrolled, unroll
 
-_COARSE_POINTS = 8000
-_FINE_POINTS = 12000
+_COARSE_POINTS, _SHARED = 4000, 10
+_BLOCKS, _BLOCK_SHARE, _FEWEST_BLOCKS = (90, 40), 0.3, 100
 _COARSE_GRID = (360, 160)
+_COARSE_HARMONICS, _FINE_HARMONICS = (2, 4, 6), (2, 4, 6, MAX_HARMONICS)
 _ON_WALL = 0.05
 """A coarse point within this share of the radius lies on the wall when its ends are looked for."""
+_EVERY = 4
 _FEWEST_POINTS = 0.6
 """Points that a depth of the wall must have for each ray that aims at it."""
 _MARGIN_ROWS = 8
 """Rows left out before each end: half of the large window and a little less, since it looks beyond."""
-_PATCH_CELLS = 60.0
-"""Cells that share their error, about one small window: how many points the criterion for the harmonics counts."""
 _LEAST_MATCHED, _LEAST_AGREED, _LEAST_TRUSTED, _LEAST_ON_WALL = 0.10, 0.25, 0.20, 0.55
 _LEAST_AROUND = 0.5
 _LEAST_LENGTH = 0.25
-_PASSES = 2
+_MOST_PASSES, _MOVED = 4, 0.05
+"""Passes over the wall: coarse ones to find it, until an offset that is looked for moves its depths by no more than this share
+of them, and a last one, fine, to measure it."""
 _SEEN = 0.1
 _HEARD = 0.5
 """How much of what the wall's own cone says against the rig's offset is added to that offset's deviation."""
@@ -107,8 +119,10 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     pair = even_pair(left, right)
     misfit = RowMisfit()
     earlier: tuple[Wall, Unrolled, Floats] | None = None
-    for turn in range(_PASSES):
-        grid = unroll(wall, nearest, farthest)
+    coarse_passes = 1
+    for turn in range(_MOST_PASSES):
+        last = turn == coarse_passes
+        grid = unroll(wall, nearest, farthest, *((ANGLES, ROWS) if last else (ANGLES // 2, ROWS // 2)))
         start = _from_coarse(coarse, grid) if earlier is None else _carried(*earlier, grid)
         start = _better_start(pair, grid, start, misfit, width, height)
         match = match_on_wall(pair, grid, start, misfit, width, height, rig.offset_px or 0.0)
@@ -118,15 +132,17 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
         disparity = grid.disparity + match.shift
         ends = _ends(grid, match, disparity, wall)
         before = wall
-        wall = _fine_wall(grid, match, disparity, ends, wall, rng)
+        counts = _FINE_HARMONICS if turn == 0 else tuple(k for k in _FINE_HARMONICS if 0 <= k - wall.harmonics <= 2)
+        wall = _fine_wall(grid, match, disparity, ends, wall, counts)
         cone = apex(wall, grid.theta[(match.trusted & ends.inside).any(axis=0)])
-        if turn + 1 == _PASSES:
+        if last:
             break
         own_offset = own_offset or _contradiction(cone, wall, match, ends) > _CONTRADICTION
         if own_offset:  # a better offset: the same disparities, read as other depths
-            wall = _with_offset(
-                wall, cone.offset_px, own_offset_std(cone, wall, around(match, ends)), grid, match, disparity, ends, rng
-            )
+            std = own_offset_std(cone, wall, around(match, ends))
+            wall = _with_offset(wall, cone.offset_px, std, grid, match, disparity, ends)
+            moved = abs(cone.offset_px - (rig.offset_px or 0.0)) * float(np.mean(wall.depths)) / rig.range_px_m
+            coarse_passes = min(coarse_passes + int(moved > _MOVED), _MOST_PASSES - 1)
             rig = wall.rig
         nearest, farthest = _wider(wall, before, grid, ends)
         earlier = before, grid, disparity
@@ -141,7 +157,7 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     length = grid.depth[ends.last - 1] - grid.depth[ends.first]
     if length < _LEAST_LENGTH * float(np.median(wall.radius(grid.theta, np.full(len(grid.theta), np.mean(wall.depths))))):
         raise Refused("too_short")
-    own = (wall.disparity(grid.theta, grid.rho) - grid.disparity).astype(np.float32)
+    own = _met(wall, grid)[0] - grid.disparity
     fine, rough = likeness_at(pair, grid, own, misfit, width, height)
     gain = match.alike - np.where(match.fine, fine, rough)
     unsure = not own_offset and _contradiction(cone, wall, match, ends) > _DOUBT
@@ -160,6 +176,27 @@ def _contradiction(cone: Apex, wall: Wall, match: WallMatch, ends: Ends) -> floa
     """How many deviations more conical the rig's offset makes this wall than a pipe is."""
     own = own_offset_std(cone, wall, around(match, ends))
     return abs(cone.offset_px - (wall.rig.offset_px or 0.0)) / float(np.hypot(own, wall.rig.offset_std_px))
+
+
+def _met(wall: Wall, grid: Unrolled) -> tuple[Floats, Floats]:
+    """Disparity (Z, A) px at which the rays of a grid, unrolled on a wall near by, meet ``wall``, and the angle (rad) about its
+    axis less the grid's. Both walls are smooth: solved for every fourth cell either way."""
+    rows, columns = grid.u.shape
+    size = columns // _EVERY, rows // _EVERY
+    u, v, there = (
+        np.asarray(cv2.resize(np.ascontiguousarray(values), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
+        for values in (grid.u, grid.v, grid.disparity)
+    )
+    offset = wall.rig.offset_px or 0.0
+    depth = wall.meet(u, v, wall.rig.range_px_m / np.maximum(there - offset, 1e-3), 3)
+    theta = grid.theta.reshape(-1, _EVERY).mean(axis=1)
+    turned = np.angle(np.exp(1j * (wall.about(u, v, depth)[0] - theta)))
+    moved = offset + wall.rig.range_px_m / depth - there
+    full = [
+        np.asarray(cv2.resize(values.astype(np.float32), (columns, rows), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        for values in (moved, turned)
+    ]
+    return full[0] + grid.disparity, full[1]
 
 
 def _angles(coarse: CoarseMatch) -> NDArray[np.float64]:
@@ -184,8 +221,8 @@ def _coarse_wall(coarse: CoarseMatch, rig: StereoRig, rng: np.random.Generator) 
     if found is None or found[1] < _LEAST_AGREED:
         raise Refused("no_wall")
     try:
-        # every step from two harmonics to six: each fit shows the next one which points belong to the wall
-        return refine_wall(points, found[0], rig, (2, 3, 4, 5, MAX_HARMONICS), 3.0 * unit, len(theta) / 20, 0.7 * unit)
+        # in steps: each fit shows the next one which points belong to the wall
+        return refine_wall(points, found[0], rig, _COARSE_HARMONICS, 3.0 * unit, len(theta) / _SHARED, 0.7 * unit)
     except np.linalg.LinAlgError as error:
         raise Refused("no_wall") from error
 
@@ -233,12 +270,11 @@ def _better_start(pair: EvenPair, grid: Unrolled, start: Floats, misfit: RowMisf
 
 def _carried(wall: Wall, grid: Unrolled, disparity: Floats, other: Unrolled) -> Floats:
     """Shifts (px) on another unrolled wall that mean the disparities measured on ``grid``, which was unrolled on ``wall``."""
-    constant, slope = wall.profile(other.theta)
-    depth = constant / np.maximum(other.rho / wall.rig.focal_px - slope, 1e-6)
+    met, turned = _met(wall, other)
+    depth = wall.rig.range_px_m / (met - np.float32(wall.rig.offset_px or 0.0))
     row = ((depth - grid.depth[0]) / grid.cell_m[0]).astype(np.float32)
-    column = np.broadcast_to(np.arange(len(other.theta), dtype=np.float32), row.shape)
-    there = cv2.remap(disparity, np.ascontiguousarray(column), row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    shift = there - other.disparity
+    column = ((other.theta + turned + np.pi) / grid.cell_m[1] - 0.5).astype(np.float32)
+    shift = cv2.remap(disparity, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) - other.disparity
     beyond = (row < 0) | (row > len(grid.depth) - 1)
     return np.where(beyond, 0.0, shift).astype(np.float32)
 
@@ -252,7 +288,8 @@ def _ends(grid: Unrolled, match: WallMatch, disparity: Floats, wall: Wall) -> En
     known = match.trusted
     rig, shape = wall.rig, disparity.shape
     unit = rig.intrinsics.width / 1920
-    on = known & (np.abs(disparity - wall.disparity(grid.theta, grid.rho)) < 3.0 * max(wall.noise_px, 0.4 * unit))
+    allowed = 3.0 * np.hypot(max(wall.noise_px, 0.4 * unit), UNEVEN * (grid.disparity - (rig.offset_px or 0.0)))
+    on = known & (np.abs(disparity - _met(wall, grid)[0]) < allowed)
     row = np.floor((rig.depth(disparity.astype(np.float64)) - grid.depth[0]) / grid.cell_m[0] + 0.5)
     lands = known & (row >= 0) & (row < shape[0])
     column = np.broadcast_to(np.arange(shape[1]), shape)
@@ -262,37 +299,49 @@ def _ends(grid: Unrolled, match: WallMatch, disparity: Floats, wall: Wall) -> En
         return np.bincount(place, minlength=disparity.size).reshape(shape).astype(np.float32)
 
     points_on, points_off = landed(lands & on), landed(lands & ~on)
-    window = (31, 5)
+    window = (31, 5) if grid.fineness == 1.0 else (15, 3)
     missing = cv2.blur(known.astype(np.float32), window) * _FEWEST_POINTS - cv2.blur(points_on + points_off, window)
-    ends = wall_ends(points_on, points_off + np.maximum(missing, 0) * 2, grid.seen, _MARGIN_ROWS)
+    ends = wall_ends(points_on, points_off + np.maximum(missing, 0) * 2, grid.seen, round(_MARGIN_ROWS * grid.fineness))
     if ends is None:
         smooth = np.count_nonzero(known) < _LEAST_TRUSTED * np.count_nonzero(match.state != OUTSIDE)
         raise Refused("too_smooth" if smooth else "no_wall")
     return ends
 
 
-def _fine_wall(grid: Unrolled, match: WallMatch, disparity: Floats, ends: Ends, start: Wall, rng: np.random.Generator) -> Wall:
-    usable = np.flatnonzero((match.trusted & ends.inside).ravel())
-    if len(usable) < 500:
+def _fine_wall(grid: Unrolled, match: WallMatch, disparity: Floats, ends: Ends, start: Wall, counts: tuple[int, ...]) -> Wall:
+    """The wall through the means of blocks of cells, each about a window: what their cells know beyond that they share."""
+    trusted = (match.trusted & ends.inside).astype(np.float32)
+    if np.count_nonzero(trusted) < 500 * grid.fineness**2:
         raise Refused("too_smooth")
-    chosen = np.sort(rng.choice(usable, min(_FINE_POINTS, len(usable)), replace=False))
-    points = WallPoints(
-        np.broadcast_to(grid.theta, disparity.shape).ravel()[chosen],
-        *(values.ravel()[chosen].astype(np.float64) for values in (grid.rho, disparity, match.sigma)),
+    share = _block_means(trusted)
+    full = share > _BLOCK_SHARE
+    if np.count_nonzero(full) < _FEWEST_BLOCKS:
+        raise Refused("too_smooth")
+    u, v, measured, noise, fine = (
+        (_block_means(trusted * values)[full] / share[full]).astype(np.float64)
+        for values in (grid.u, grid.v, disparity, match.sigma, match.fine.astype(np.float32))
     )
+    points = WallPoints(np.arctan2(v, u), np.hypot(u, v) * start.rig.focal_px, measured, noise)
+    small, large = windows_of(grid)
+    independent = float(np.sum(fine + (1 - fine) * (small[0] * small[1]) / (large[0] * large[1])))
     unit = start.rig.intrinsics.width / 1920
     try:
         return refine_wall(
             points,
             start.coefficients,
             start.rig,
-            tuple(range(1, MAX_HARMONICS + 1)) if start.harmonics < MAX_HARMONICS else (MAX_HARMONICS,),
+            counts,
             max(start.noise_px, 0.5 * unit),
-            len(usable) / _PATCH_CELLS,
+            independent,
             0.1 * unit,
+            start.axis,
         )
     except np.linalg.LinAlgError as error:
         raise Refused("no_wall") from error
+
+
+def _block_means(values: Floats) -> Floats:
+    return np.asarray(cv2.resize(values, _BLOCKS, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def _with_offset(
@@ -303,15 +352,17 @@ def _with_offset(
     match: WallMatch,
     disparity: Floats,
     ends: Ends,
-    rng: np.random.Generator,
 ) -> Wall:
     """The wall again under another offset."""
     error = offset_px - (wall.rig.offset_px or 0.0)
     # with Z' = f b / (d - o) the same cone has the radius c + (s + c error / (f b)) Z: see cone.py
     constant, slope = _split(wall.coefficients)
-    moved = _joined(constant, slope + constant * (error / wall.rig.range_px_m))
-    start = replace(wall, coefficients=moved, rig=wall.rig.with_offset(offset_px, std_px))
-    return _fine_wall(grid, match, disparity, ends, start, rng)
+    turn = error / wall.rig.range_px_m
+    moved = _joined(constant, slope + constant * turn)
+    old = wall.axis
+    axis = replace(old, right=old.right + old.x * turn, down=old.down + old.y * turn)
+    start = replace(wall, coefficients=moved, rig=wall.rig.with_offset(offset_px, std_px), axis=axis)
+    return _fine_wall(grid, match, disparity, ends, start, (wall.harmonics,))
 
 
 def _split(coefficients: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -21,6 +21,7 @@ NORMAL_WIDTH = 960
 _EVEN_WINDOW = 31
 _DARK = 4.0
 _SMALL, _LARGE = (11, 9), (33, 27)
+"""Windows, in cells of the finest grid: around the pipe, along it."""
 _ITERATIONS = 2
 _STEP_PX = 2.0
 _REACH_PX = 4.0
@@ -113,19 +114,19 @@ def match_on_wall(
     limit = np.minimum(TRUST_PX * width / 1920, _TRUST_SHARE * (grid.disparity - offset_px)).astype(np.float32)
     lift = misfit.at(grid.x, grid.y, width, height)
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
-    shift = start
+    shift, windows = start, windows_of(grid)
     for _ in range(_ITERATIONS):
         right, along = _right(pair, grid, shift, lift)
-        small, large = (_least_squares(left, right, along, own, window, pair.step) for window in (_SMALL, _LARGE))
+        small, large = (_least_squares(left, right, along, own, window, pair.step) for window in windows)
         step = np.where(_carries(small, _ALIKE[0], limit), small.step, large.step)
         moved = np.clip(shift + np.clip(step, -_STEP_PX, _STEP_PX), start - _REACH_PX, start + _REACH_PX)
         shift = np.asarray(cv2.medianBlur(np.ascontiguousarray(moved, dtype=np.float32), 5), dtype=np.float32)
     right, along = _right(pair, grid, shift, lift)
-    small, large = (_least_squares(left, right, along, own, window, pair.step) for window in (_SMALL, _LARGE))
+    small, large = (_least_squares(left, right, along, own, window, pair.step) for window in windows)
     fine, rough = _carries(small, _ALIKE[0], limit), _carries(large, _ALIKE[1], limit)
     # texture that finds no partner is hidden from the other camera; without texture, unlike patches say nothing
     state = np.where(fine | rough, TRUSTED, np.where(small.texture > _TEXTURE, OCCLUDED, SMOOTH)).astype(np.uint8)
-    lonely = cv2.morphologyEx((state == TRUSTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones(_SMALL[::-1], np.uint8)) == 0
+    lonely = cv2.morphologyEx((state == TRUSTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones(windows[0][::-1], np.uint8)) == 0
     state[lonely & (state == TRUSTED)] = SMOOTH
     state[~grid.seen | (grid.x - grid.disparity - shift < 2)] = OUTSIDE
     sigma = np.where(fine, small.sigma, large.sigma).astype(np.float32)
@@ -140,7 +141,17 @@ def likeness_at(
     do."""
     lift = misfit.at(grid.x, grid.y, width, height)
     left, right = _sampled(pair.left, grid.x, grid.y, pair.step), _right(pair, grid, shift, lift)[0]
-    return _likeness(left, right, _SMALL), _likeness(left, right, _LARGE)
+    small, large = windows_of(grid)
+    return _likeness(left, right, small), _likeness(left, right, large)
+
+
+def windows_of(grid: Unrolled) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The small and the large window in cells of ``grid``, odd: the same patch of wall on every grid."""
+
+    def odd(cells: int) -> int:
+        return 2 * round((cells * grid.fineness - 1) / 2) + 1
+
+    return (odd(_SMALL[0]), odd(_SMALL[1])), (odd(_LARGE[0]), odd(_LARGE[1]))
 
 
 def row_misfit(pair: EvenPair, grid: Unrolled, shift: Floats, before: RowMisfit, width: int, height: int) -> RowMisfit:
@@ -149,7 +160,8 @@ def row_misfit(pair: EvenPair, grid: Unrolled, shift: Floats, before: RowMisfit,
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
     right, along = _right(pair, grid, shift, lift)
     down = _sampled(pair.down, grid.x - grid.disparity - shift, grid.y - lift, pair.step)
-    every, window = (slice(12, None, 24), slice(16, None, 32)), (41, 31)
+    some = [max(round(cells * grid.fineness), 1) for cells in (24, 32)]
+    every, window = (slice(some[0] // 2, None, some[0]), slice(some[1] // 2, None, some[1])), (some[1] + 9, some[0] + 7)
 
     def mean(values: Floats) -> NDArray[np.float64]:
         return cv2.blur(values, window)[every].astype(np.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +18,19 @@ ROWS = 320
 
 @dataclass(frozen=True)
 class Unrolled:
-    """A grid of ``theta`` (A,) rad by ``depth`` (Z,) m, near to far, on a predicted wall; other arrays are (Z, A).
+    """A grid of ``theta`` (A,) rad about the wall's axis by ``depth`` (Z,) m, near to far, on a predicted wall; other arrays
+    are (Z, A).
 
-    ``x``, ``y``: pixel of the left picture whose ray meets the wall there; ``rho`` its distance from the principal point in
-    (horizontal) pixels; ``disparity`` (px) that it should have; ``seen`` where that pixel lies in the picture.
+    ``x``, ``y``: pixel of the left picture whose ray meets the wall there; ``u``, ``v`` that ray (X/Z, Y/Z); ``disparity`` (px)
+    that it should have; ``seen`` where that pixel lies in the picture.
     """
 
     theta: NDArray[np.float64]
     depth: NDArray[np.float64]
     x: Floats
     y: Floats
-    rho: Floats
+    u: Floats
+    v: Floats
     disparity: Floats
     seen: NDArray[np.bool_]
 
@@ -37,9 +40,15 @@ class Unrolled:
         return float(self.depth[1] - self.depth[0]), float(self.theta[1] - self.theta[0])
 
     @property
+    def fineness(self) -> float:
+        """Its cells around the pipe as a share of those of the finest grid."""
+        return len(self.theta) / ANGLES
+
+    @cached_property
     def pixels(self) -> Floats:
         """Pixels of the left picture that each cell (Z, A) covers."""
-        return np.asarray(np.abs(np.gradient(self.rho, axis=0)) * self.rho * self.cell_m[1], dtype=np.float32)
+        (x_down, x_along), (y_down, y_along) = np.gradient(self.x), np.gradient(self.y)
+        return np.asarray(np.abs(x_down * y_along - x_along * y_down), dtype=np.float32)
 
 
 def unroll(wall: Wall, nearest: float, farthest: float, angles: int = ANGLES, rows: int = ROWS) -> Unrolled:
@@ -49,12 +58,13 @@ def unroll(wall: Wall, nearest: float, farthest: float, angles: int = ANGLES, ro
     theta: NDArray[np.float64] = (np.arange(angles, dtype=np.float64) + 0.5) * (2 * np.pi / angles) - np.pi
     depth: NDArray[np.float64] = nearest + (np.arange(rows, dtype=np.float64) + 0.5) * ((farthest - nearest) / rows)
     constant, slope = wall.profile(theta)
-    radius = constant + slope * depth[:, None]
-    rho = rig.focal_px * radius / depth[:, None]
-    x = rho * np.cos(theta) + camera.ppx
-    y = rho * np.sin(theta) * (camera.fy / camera.fx) + camera.ppy
+    z = depth[:, None]
+    radius = constant + slope * z
+    middle_x, middle_y = wall.axis.at(z)
+    u, v = (middle_x + radius * np.cos(theta)) / z, (middle_y + radius * np.sin(theta)) / z
+    x, y = u * camera.fx + camera.ppx, v * camera.fy + camera.ppy
     margin = 3.0
     seen = (x > margin) & (x < camera.width - 1 - margin) & (y > margin) & (y < camera.height - 1 - margin) & (radius > 0)
-    disparity = np.broadcast_to(((rig.offset_px or 0.0) + rig.range_px_m / depth)[:, None], x.shape)
-    single = [np.asarray(values, dtype=np.float32) for values in (x, y, rho, disparity)]
-    return Unrolled(theta, depth, single[0], single[1], single[2], single[3], np.asarray(seen, dtype=np.bool_))
+    disparity = np.broadcast_to((rig.offset_px or 0.0) + rig.range_px_m / z, x.shape)
+    single = [np.asarray(values, dtype=np.float32) for values in (x, y, u, v, disparity)]
+    return Unrolled(theta, depth, single[0], single[1], single[2], single[3], single[4], np.asarray(seen, dtype=np.bool_))

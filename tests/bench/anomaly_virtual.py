@@ -78,12 +78,9 @@ def look_at(found: Scene) -> PairFindings:
 def true_heights(found: Scene, findings: PairFindings) -> NDArray[np.float32]:
     """How far the wall stands in (m) at each cell of the map, by the world itself."""
     at = findings.map
-    radius = np.where(at.measured, at.radius + np.nan_to_num(at.deviation), at.radius).astype(np.float64)
-    depth = np.broadcast_to(at.depth[:, None], radius.shape)
-    camera = np.stack([radius * np.cos(at.theta), radius * np.sin(at.theta), depth], axis=-1)
-    place = camera @ found.pose.rotation.T + found.pose.position
+    place = at.points @ found.pose.rotation.T + found.pose.position
     if not found.sewer.relief:
-        return np.zeros(radius.shape, np.float32)
+        return np.zeros(at.radius.shape, np.float32)
     angle = np.arctan2(place[..., 1], place[..., 0]).astype(np.float32)
     return found.sewer.relief.height(place[..., 2].astype(np.float32), angle)
 

@@ -139,7 +139,8 @@ def beside(findings: PairFindings, reference: ReferencePair) -> tuple[float, tup
     both = matched & followed.match.trusted
     if np.count_nonzero(both) < 1000:
         return coverage, None
-    predicted = wall.disparity(grid.theta, grid.rho)
+    met = wall.meet(grid.u, grid.v, np.broadcast_to(grid.depth[:, None], grid.u.shape))
+    predicted = (wall.rig.offset_px or 0.0) + wall.rig.range_px_m / met
     scale = 1000 * wall.profile(grid.theta)[0] / (grid.disparity - (wall.rig.offset_px or 0.0))
     spread = []
     for disparity in (followed.disparity, theirs):

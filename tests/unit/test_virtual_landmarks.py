@@ -183,3 +183,18 @@ def test_a_furnished_pipe_has_its_landmarks_within_it(seed: int) -> None:
         if one.label in ("displaced joint", "roots"):
             assert min(abs(one.chainage - joint) for joint in joints) < 1e-9
     assert there.cast(np.zeros(3), np.eye(3), np.array([[0.5, 0.5]], np.float32)).material[0] == WALL
+
+
+def test_a_deposit_in_an_egg_stands_as_high_as_it_is() -> None:
+    """Along rays from near the axis, the place where each ends lies on the egg less the deposit's height there."""
+    sewer = VirtualSewer(egg(0.4), 4.0, things=(Patch(1.0, 1.2, 0.4, 0.4, 0.03),))
+    slope, turn = np.meshgrid(np.linspace(0.15, 0.4, 60, dtype=np.float32), np.linspace(0.0, 0.8, 40, dtype=np.float32))
+    rays = np.stack([slope * np.cos(turn), slope * np.sin(turn)], axis=-1)
+    position = np.array([0.01, -0.02, 0.0])
+    hits = sewer.cast(position, np.eye(3), rays)
+    x, y = position[0] + hits.depth * rays[..., 0], position[1] + hits.depth * rays[..., 1]
+    angle = np.arctan2(y, x).astype(np.float32)
+    wanted = sewer.profile.radius(angle) - sewer.relief.height(hits.depth, angle)
+    assert (sewer.relief.height(hits.depth, angle) > 0.015).sum() > 50
+    # a wrong place of 4 mm of pipe, at the deposit's steepest
+    np.testing.assert_allclose(np.hypot(x, y), wanted, atol=1.5e-3)
