@@ -1,4 +1,4 @@
-"""What the page and the API do with chambers: begin, end and cancel a survey, read a map, take it away as a file. JSON-ready."""
+"""What the page and the API do with chambers: begin, end and cancel a survey, read a map, take it away. JSON-ready."""
 
 from __future__ import annotations
 

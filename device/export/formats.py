@@ -34,6 +34,7 @@ FORMATS: dict[str, Format] = {
     "json": Format("device.export.tables", "json_document", "inspection.json", "application/json"),
     "ply": Format("device.export.ply", "ply", "pipe.ply", "application/octet-stream"),
     "gltf": Format("device.export.gltf", "gltf", "pipe.glb", "model/gltf-binary"),
+    "chambers": Format("device.export.chambers", "chambers", None, "application/zip"),
     "pdf": Format("device.export.pdf", "pdf", "report.pdf", "application/pdf"),
 }
 NAMES = (*FORMATS, "zip")

@@ -20,6 +20,7 @@ from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import Flowable, Image, KeepTogether, PageBreak, Paragraph, SimpleDocTemplate, Spacer, Table, TableStyle
 
 from device.export.base import Options, printable
+from device.export.chambers import node_name, pipes_of
 from device.export.wording import WORDS, reason
 from device.inspections.codes import codes
 from device.inspections.model import DiameterSheet, Inspection, Observation
@@ -42,6 +43,7 @@ def pdf(inspection: Inspection, options: Options) -> bytes:
         *_diameters(inspection, options, words),
         *_anomalies(inspection, options, words),
         *_landmarks(inspection, options, words),
+        *_chambers(inspection, words),
         *_refused(inspection, options, words),
     ]
     file = io.BytesIO()
@@ -315,6 +317,30 @@ def _landmarks(inspection: Inspection, options: Options, words: dict[str, str]) 
         for one in sorted(inspection.landmarks, key=lambda one: float(one["chainage_m"]))
     ]
     return [_paragraph(words["landmarks"], _HEAD), _table([head, *rows], [35 * mm] * 5)]
+
+
+def _chambers(inspection: Inspection, words: dict[str, str]) -> list[Flowable]:
+    """Each chamber: how much was found, whether to rely on it, and every object with its pipes."""
+    pages: list[Flowable] = []
+    for one in inspection.structures:
+        name = f"{words['chamber']} {node_name(one)}, {words['survey']} {one['survey_id']}"
+        counts = [f"{len(one['pipes'])} {words['pipes']}", f"{len(one['objects'])} {words['objects']}"]
+        head = tuple(words[k] for k in ("number", "class", "belief", "place", "pipes"))
+        rows = [
+            (
+                str(thing["number"]),
+                thing["class"] + {True: f", {words['open']}", False: f", {words['closed']}", None: ""}[thing["open"]],
+                f"{100 * thing['belief']:.0f} %",
+                " ".join(f"{value:.2f}" for value in thing["position"]) + " m",
+                pipes_of(one, thing),
+            )
+            for thing in one["objects"]
+        ]
+        pages += [_paragraph(name, _HEAD), _paragraph(", ".join([*counts, f"{one['summary'].get('scans', 0)} scans"]))]
+        if not one["consistent"]:
+            pages.append(_paragraph(words["contradicted"]))
+        pages.append(_table([head, *rows], [16 * mm, 44 * mm, 24 * mm, 54 * mm, 34 * mm]))
+    return pages
 
 
 def _refused(inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:

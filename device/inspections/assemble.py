@@ -26,6 +26,7 @@ def assemble(store: Store, number: int) -> Inspection:
     landmarks: list[Mapping[str, Any]] = []
     photos = [Photo(name, jpeg) for name, jpeg in store.inspections.photos(number).items()]
     clouds: list[Cloud] = []
+    structures: list[Mapping[str, Any]] = []
     for survey in kept["surveys"]:
         survey_id = survey["survey_id"]
         if survey["kind"] == "landmarks":
@@ -39,6 +40,8 @@ def assemble(store: Store, number: int) -> Inspection:
             cloud = store.surveys.cloud(survey_id)
             if cloud is not None:
                 clouds.append(_cloud(survey_id, cloud, survey["station_m"]))
+        elif survey["kind"] == "structure":
+            structures.append(store.structures.map(survey_id))
     inspection = Inspection(
         number=number,
         site=site["name"],
@@ -54,6 +57,7 @@ def assemble(store: Store, number: int) -> Inspection:
         diameters=tuple(diameters),
         clouds=tuple(clouds),
         landmarks=tuple(landmarks),
+        structures=tuple(structures),
     )
     edited = store.inspections.observations(number)
     coded = observations(inspection) if edited is None else read_observations(edited)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from device.clouds import cloud_json
+from device.inspections.demo_chamber import map_chamber
 from device.json_text import plain
 from device.pictures import encode_jpeg, frame_jpeg
 from device.store import Kept, KeptLandmark, NewRecording, Store
@@ -51,6 +52,7 @@ def demo_inspection(store: Store, seed: int) -> int:
     )
     store.inspections.add_survey(number, _measure(store, pipe_id, drive, seed), STATION_M)
     store.inspections.add_survey(number, _map(store, pipe_id, drive, seed))
+    store.inspections.add_survey(number, map_chamber(store, store.places.pipe(pipe_id)["start_node"], seed))
     return number
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime
 from importlib.metadata import version
@@ -34,13 +35,19 @@ class Desk:
         return [{**one, "pipe": names.get(one["pipe_id"])} for one in self._store.inspections.all(pipe_id)]
 
     def begin(self, pipe_id: int, data: _JSON) -> _JSON:
-        """A new inspection with every survey of its pipe that belongs to none yet."""
-        self._store.places.pipe(pipe_id)
+        """A new inspection with every survey of its pipe, and of the chambers at its ends, that belongs to none yet."""
+        pipe = self._store.places.pipe(pipe_id)
         number = self._store.inspections.begin(pipe_id, data)
         joined = {survey["survey_id"] for one in self._store.inspections.all(pipe_id) for survey in one["surveys"]}
         for survey in self._store.surveys.summaries(pipe_id, 1000, None):
             if survey["id"] not in joined:
                 self._store.inspections.add_survey(number, survey["id"])
+        chambers = self._store.structures.of_nodes(
+            [node for node in (pipe["start_node"], pipe["end_node"]) if node is not None]
+        )
+        for chamber in chambers:
+            if chamber not in joined:
+                self._store.inspections.add_survey(number, chamber)
         return self.get(number)
 
     def get(self, number: int) -> _JSON:
@@ -54,6 +61,7 @@ class Desk:
             **{name: value for name, value in stated.items() if name not in left_out},
             "observations": [observation_json(one) for one in inspection.observations],
             "photos": [photo.name for photo in inspection.photos],
+            "chambers": [_chamber(one) for one in inspection.structures],
             "faults": faults(inspection),
         }
 
@@ -144,6 +152,18 @@ class Desk:
             }
             for code in codes().values()
         ]
+
+
+def _chamber(one: Mapping[str, Any]) -> _JSON:
+    """What the page says of a chamber; its own page shows the map."""
+    node = one["node"]
+    counts = {name: len(one[name]) for name in ("pipes", "objects", "edges")}
+    return {
+        "survey": one["survey_id"],
+        "node": None if node is None else node["name"],
+        "consistent": one["consistent"],
+        **counts,
+    }
 
 
 def _thing(thing: Thing) -> _JSON:

@@ -249,7 +249,7 @@ class StructureSurvey:
         if found is None:
             return
         try:
-            self._store.structures.keep(survey.survey_id, found, _summary(found, survey.seconds))
+            self._store.structures.keep(survey.survey_id, found, summary(found, survey.seconds))
             survey.found, survey.full = found, False  # what is told of has been stored
         except StorageFull as error:  # the survey goes on: the next scan's map is kept where there is room
             if not survey.full:
@@ -264,7 +264,7 @@ class StructureSurvey:
         state = "interrupted" if survey.state == "closing" else "saved"
         for prompt in found["prompts"]:
             survey.recorder.write(PROMPTED, Words(prompt["code"], f"{prompt['reason']} {prompt['remedy']}"))
-        self._store.structures.keep(survey.survey_id, found, _summary(found, survey.seconds), state)
+        self._store.structures.keep(survey.survey_id, found, summary(found, survey.seconds), state)
         survey.found = found
         survey.recorder.write(ENDED, {"state": state})
         survey.recorder.write(FINDINGS, found)
@@ -277,7 +277,7 @@ class StructureSurvey:
                 self._store.structures.forget(survey.survey_id)
                 return ""
             found = survey.found
-            self._store.structures.keep(survey.survey_id, found, _summary(found, survey.seconds), "interrupted")
+            self._store.structures.keep(survey.survey_id, found, summary(found, survey.seconds), "interrupted")
         except DeviceError as error:  # the next start of the box calls it interrupted
             log.error("structure survey %d could not be closed: %s", survey.survey_id, error)
         return "interrupted"
@@ -317,7 +317,7 @@ def concluded(course: Course) -> dict[str, Any] | None:
     return {**found, "verdict": judged, "prompts": [PROMPTS[code].to_json() for code in codes]}
 
 
-def _summary(found: dict[str, Any], seconds: float) -> dict[str, Any]:
+def summary(found: dict[str, Any], seconds: float) -> dict[str, Any]:
     """What the list of surveys says of it."""
     return {
         "pipes": len(found["pipes"]),

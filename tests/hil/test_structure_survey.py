@@ -20,8 +20,9 @@ from device.structure_export import KINDS
 from device.surveys.structure_course import Course, CourseSetup
 from drivers.navigation.readings import Attitude
 from drivers.navigation.scans import Scan
+from drivers.virtual.chamber import structure
+from drivers.virtual.chamber.structure import SMALL
 from tests.hil.rig import PATIENCE_S
-from tests.hil.small_chamber import small_chamber
 from tests.pairing import PIN
 
 
@@ -30,7 +31,7 @@ def device(tmp_path: Path) -> Iterator[Device]:
     settings = Settings(
         data_dir=tmp_path / "data",
         pin=PIN,
-        structure=StructureSettings(scanner="virtual", file=small_chamber(tmp_path)),
+        structure=StructureSettings(scanner="virtual", file=Path(structure.__file__).with_name(SMALL)),
     )
     made = Device(settings, feeds=[], clock=Clock(tmp_path / "no-machine")).start()
     yield made

@@ -18,7 +18,7 @@ JPEG = encode_jpeg(np.full((12, 16, 3), 90, np.uint8))
 
 
 def whole() -> Inspection:
-    """A pipe of 28.3 m with landmarks, an accepted and a refused diameter, a deviation, photos and points."""
+    """A pipe of 28.3 m with landmarks, an accepted and a refused diameter, a deviation, photos, points and a chamber."""
     sheet = DiameterSheet(
         3,
         "accept",
@@ -64,9 +64,33 @@ def whole() -> Inspection:
             landmark(3, "roots", 12.0, clock=12.0, decision="rejected"),
         ),
         anomalies=({"chainage_m": 15.0, "peak_mm": 22.0, "area_mm2": 1500.0, "clock": 6.2},),
+        structures=(chamber(),),
         device={"program": "test"},
     )
     return replace(inspection, observations=observations(inspection))
+
+
+def chamber() -> dict[str, object]:
+    """A pipe of 1 m with an elbow at its end, as the store states a structure survey."""
+    elbow = {
+        "number": 2,
+        "class": "elbow",
+        "position": [1.0, 0.0, 4.0],
+        "belief": 0.98,
+        "sigma_m": 0.004,
+        "pipes": [[-1.0, 0.0, 0.0]],
+        "orientation": None,
+        "open": None,
+    }
+    return {
+        "survey_id": 12,
+        "node": {"id": 1, "name": "M1"},
+        "summary": {"scans": 40},
+        "consistent": True,
+        "pipes": [{"number": 1, "from": [0.0, 0.0, 4.0], "to": [1.0, 0.0, 4.0], "radius_m": 0.0315}],
+        "objects": [elbow],
+        "edges": [{"pipe": 1, "object": 2, "kind": "end", "along_m": 1.0, "belief": 0.99}],
+    }
 
 
 def landmark(number: int, label: str, at: float, to: float | None = None, **more: object) -> dict[str, object]:

@@ -24,7 +24,7 @@ from pypdf import PdfReader
 from device.errors import Invalid
 from device.export.base import Options, printable
 from device.export.en13508 import en13508, observations_of, read
-from device.export.formats import NAMES, export
+from device.export.formats import NAMES, export, files
 from device.export.isybau import NAMESPACE, isybau
 from device.export.wording import REASONS_DE, reason
 from device.inspections.model import Inspection, Observation
@@ -286,6 +286,15 @@ def test_the_archive_names_every_file_with_its_hash_and_what_it_left_out() -> No
         assert "photos/M1-M2_001.jpg" in packed.namelist()
     assert list(manifest["left_out"]) == ["geojson"]
     assert export("zip", replace(whole(), crs=None), OPTIONS)[0] == data
+
+
+def test_a_chamber_goes_out_with_its_objects_and_its_map() -> None:
+    found = files("chambers", whole(), OPTIONS)
+    assert found["chambers.csv"].decode("utf-8").splitlines()[1].startswith("12,M1,2,elbow,0.98,1.0,0.0,4.0")
+    assert json.loads(found["chamber_12.json"])["links"][0]["target"] == "pipe 1"
+    assert found["chamber_12.glb"][:4] == b"glTF"
+    with pytest.raises(Invalid, match="no chamber"):
+        files("chambers", replace(whole(), structures=()), OPTIONS)
 
 
 def test_every_format_can_be_asked_for() -> None:

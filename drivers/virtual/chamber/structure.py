@@ -160,13 +160,18 @@ class Structure:
     edges: tuple[Edge, ...]
 
 
-def load_structure(path: Path | None = None) -> Structure:
-    """The structure of a file, or the paper's. Raises RecordingBroken with one sentence."""
+PAPER, SMALL = "paper.json", "small.json"
+"""Structures that are shipped: the paper's, and one that is mapped within seconds."""
+
+
+def load_structure(path: Path | str | None = None) -> Structure:
+    """The structure of a file, or one of those that are shipped. Raises RecordingBroken with one sentence."""
     try:
-        if path is None:
-            text = resources.files("drivers.virtual.chamber").joinpath("paper.json").read_text(encoding="utf-8")
+        if path is None or path in (PAPER, SMALL):
+            name = PAPER if path is None else str(path)
+            text = resources.files("drivers.virtual.chamber").joinpath(name).read_text(encoding="utf-8")
         else:
-            text = path.read_text(encoding="utf-8")
+            text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingBroken(f"The structure file {path} cannot be read: {error}.") from error
     try:
