@@ -26,7 +26,8 @@ class Crawler:
     """``tether`` is None where the distance is burned into the picture and read by what ``reader`` makes, or is not known at
     all. ``detector`` makes one for each drive. ``begin`` is told that a drive begins and ``hold`` that it pauses: the virtual
     crawler listens, a real one is driven from its own desk. ``radius`` (m) is that of a pipe that states none.
-    ``lamp`` lights the camera's picture, where the box can dim it."""
+    ``lamp`` lights the camera's picture, where the box can dim it. ``sparse``: the pictures are too far apart in time for flow.
+    """
 
     grabber: GrabberFeed | None = None
     tether: Tether | None = None
@@ -35,6 +36,7 @@ class Crawler:
     optics: Optics = field(default_factory=Optics)
     radius: float | None = None
     lamp: Lamp | None = None
+    sparse: bool = False
     begin: Callable[[], None] = lambda: None
     hold: Callable[[bool], None] = lambda held: None
 

@@ -11,7 +11,9 @@ from device.crawler import Crawler, Optics
 from device.detectors import Detector
 from device.errors import Invalid
 from device.feed import EncoderFeed, GrabberFeed
+from device.reader import FeedTiming
 from device.store import Store
+from device.surveys.landmark_pipeline import LEAST_RATE
 from device.tether import Tether
 from drivers.base import DriverError
 from drivers.encoder.base import Encoder
@@ -34,14 +36,16 @@ def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]
         from device.virtual_crawler import virtual_crawler  # it draws in the whole virtual sewer
 
         return virtual_crawler(settings.virtual_seed, store, on_change)
+    rate = _recorded_rate(crawler)
     return Crawler(
-        grabber=_grabber(crawler, on_change),
+        grabber=_grabber(crawler, rate, on_change),
         tether=_tether(crawler, store, on_change),
         reader=_reader(crawler),
         optics=Optics(crawler.focal_px, crawler.centre_px),
         radius=crawler.radius_m,
         detector=partial(_detector, crawler.detect_every),
         lamp=make_lamp(settings.lamp),
+        sparse=rate is not None and rate < LEAST_RATE,
     )
 
 
@@ -60,20 +64,42 @@ def _detector(every: int) -> Detector:
     return shipped_detector(every=every)
 
 
-def _grabber(settings: CrawlerSettings, on_change: Callable[[], None]) -> GrabberFeed | None:
+def _recorded_rate(settings: CrawlerSettings) -> float | None:
+    """Pictures a second of a recording; None where it does not tell, or there is none to be read (yet)."""
+    if settings.grabber not in _RECORDED or not settings.grabber_source:
+        return None
+    try:
+        grabber = open_grabber(settings.grabber, **_grabber_arguments(settings))
+        grabber.open()
+    except (DriverError, ValueError, TypeError):  # told where the grabber is made, or by the feed
+        return None
+    try:
+        return grabber.frame_rate
+    finally:
+        grabber.close()
+
+
+def _grabber_arguments(settings: CrawlerSettings) -> dict[str, Any]:
+    return {_GRABBER_ARGUMENT[settings.grabber]: settings.grabber_source, **settings.grabber_options}
+
+
+def _grabber(settings: CrawlerSettings, rate: float | None, on_change: Callable[[], None]) -> GrabberFeed | None:
     kind = settings.grabber
     if kind == "none":
         return None
     if not settings.grabber_source:
         raise Invalid(f"Say with grabber_source where the {kind} grabber finds its pictures.")
-    arguments: dict[str, Any] = {_GRABBER_ARGUMENT[kind]: settings.grabber_source, **settings.grabber_options}
+    arguments = _grabber_arguments(settings)
 
     def make() -> FrameGrabber:
         grabber = open_grabber(kind, **arguments)
         return PacedGrabber(grabber) if kind in _RECORDED else grabber
 
     name = _checked(make).name
-    return GrabberFeed(name, kind, make, recorded=kind in _RECORDED, on_change=on_change)
+    period_s = 1 / rate if rate else 0.0
+    usual = FeedTiming()
+    timing = FeedTiming(read_s=usual.read_s + period_s, stale_s=usual.stale_s + 2 * period_s)
+    return GrabberFeed(name, kind, make, recorded=kind in _RECORDED, timing=timing, on_change=on_change)
 
 
 def _tether(settings: CrawlerSettings, store: Store, on_change: Callable[[], None]) -> Tether | None:

@@ -21,7 +21,7 @@ from device.map_picture import save_map_picture
 from device.prompts import PROMPTS
 from device.surveys.drive_faults import FaultWatch
 from device.surveys.landmark_json import landmark_json
-from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup
+from device.surveys.landmark_pipeline import LEAST_RATE, LandmarkPipeline, PipelineSetup
 from device.surveys.recorded_way import RecordedWay, recorded_way
 from drivers.base import EndOfRecording, RecordingBroken
 from drivers.encoder.osd import OsdReader, read_series, require_distance
@@ -31,8 +31,6 @@ from drivers.registry import ENCODERS, open_grabber
 from estimators.landmarks.from_detections import map_detections
 
 SERIAL = tuple(kind for kind in ENCODERS if kind not in ("csv", "virtual"))
-LEAST_RATE = 5.0
-"""Frames a second below which flow cannot follow the wall."""
 OSD_EVERY_S = 0.2
 """The distance is read five times a second: no counter turns faster."""
 

@@ -39,6 +39,8 @@ SURE_SHARE = 0.05
 """Landmarks are mapped once the joints tell f * R to this share."""
 MOST_REFINED = 20_000
 """Of a longer drive only some of the pictures are looked at again, evenly."""
+LEAST_RATE = 5.0
+"""Pictures a second below which flow cannot follow the wall."""
 CALIBRATED_SHARE = 0.01
 """Standard deviation, as a share, of an f * R that comes from a stated focal length and a nominal radius."""
 

@@ -105,18 +105,25 @@ def smooth_drive(
     times = np.array([one.time_s for one in seen])
     shifts = smoothed.positions - np.array([one.view.position for one in seen])
     begun = float(times[0])
-    long = [_shifted(landmark, times, shifts) for landmark in landmarks if landmark.id not in {point.id for point in points}]
+    known = {point.id for point in points}
+    stds = smoothed.position_std
+    long = [_shifted(landmark, times, shifts, stds) for landmark in landmarks if landmark.id not in known]
     found = sorted([*moved(points, smoothed), *long], key=lambda landmark: landmark.chainage)
     return Mapped(tuple(found), _joints(smoothed), _slips(smoothed, begun), _summary(smoothed), times, shifts)
 
 
-def _shifted(landmark: Landmark, times: Array, shifts: Array) -> Landmark:
-    """A long thing goes where the frames went that saw it: what shows of its middle may go along with the camera, and would
-    tell the smoother that the crawler stood."""
+def _shifted(landmark: Landmark, times: Array, shifts: Array, stds: Array) -> Landmark:
+    """A long thing goes where the frames went that saw it, and is no surer than they are: what shows of its middle may go along
+    with the camera, and would tell the smoother that the crawler stood."""
     moments = [seen.time_s for seen in landmark.sightings]
-    shift = float(np.interp(moments, times, shifts).mean()) if moments else 0.0
+    if not moments:
+        return landmark
+    shift = float(np.interp(moments, times, shifts).mean())
+    covariance = landmark.covariance.copy()
+    covariance[0, 0] += float(np.interp(moments, times, stds).mean()) ** 2
     return replace(
         landmark,
+        covariance=covariance,
         chainage=landmark.chainage + shift,
         chainage_from=landmark.chainage_from + shift,
         chainage_to=landmark.chainage_to + shift,

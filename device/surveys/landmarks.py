@@ -190,7 +190,7 @@ class LandmarkSurvey:
             if radius_m is None:
                 dn = (pipe or {}).get("reference_dn")
                 radius_m = crawler.radius if dn is None else dn / 2000.0
-            setup = PipelineSetup(crawler.optics.focal, crawler.optics.centre, radius_m)
+            setup = PipelineSetup(crawler.optics.focal, crawler.optics.centre, radius_m, sparse=crawler.sparse)
             pipe_id = None if pipe is None else pipe["id"]
             settings = {
                 "direction": direction,

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from device.surveys.landmark_smoothing import smooth_drive
 from estimators.detections import Detection
 from estimators.landmarks.projection import PipeCamera, View, project
 from estimators.landmarks.smoothing import (
@@ -34,9 +35,7 @@ from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
 FOCAL_RADIUS = 120.0
 CENTRE = np.array([360.0, 288.0])
 GIVEN = Constraints(focal_radius=Known(FOCAL_RADIUS, 1e-3))
-QUIET = Noise(
-    centre_std=1e-4, axis_std=1e-5, slip_rate=1e-8, drift=1e-4, roll_std=0.0, ring_share=0.0, landmark_share=0.0
-)
+QUIET = Noise(centre_std=1e-4, axis_std=1e-5, slip_rate=1e-8, drift=1e-4, roll_std=0.0, ring_share=0.0, landmark_share=0.0)
 """A run with nothing wrong but the pixels."""
 
 
@@ -534,3 +533,16 @@ def test_a_landmark_without_sightings_is_left_out() -> None:
     unseen = survey_landmark(1, 2.0, 0.0, [], camera)
     run = run_of(seen, [unseen], camera)
     assert moved([unseen], smooth(run)) == []
+
+
+def test_a_long_thing_is_no_surer_than_the_way_of_the_frames_that_saw_it() -> None:
+    camera = PipeCamera(400.0, 400.0, 0.3, 720, 576)
+    views = [View(position, (360.0, 288.0)) for position in np.linspace(0, 12, 121)]
+    seen = [Observation(10 + k, k / 5, view, (Detection(1.0, 1.0, "deposit"),)) for k, view in enumerate(views)]
+    near, far = survey_landmark(1, 2.6, 0.0, views[:21], camera), survey_landmark(2, 13.0, 1.0, views[90:], camera)
+    far = replace(far, sightings=tuple(replace(one, time_s=one.time_s + 18.0) for one in far.sightings))
+    found = smooth_drive(seen, [near, far], [], camera, 5.0, Known(120.0, 1.2))
+    assert found is not None
+    sigmas = {landmark.id: np.sqrt(landmark.covariance[0, 0]) for landmark in found.landmarks}
+    assert sigmas[2] > np.hypot(0.1, 0.02 * 10), "ten metres by a tether that is good for two per cent"
+    assert sigmas[1] < 0.15

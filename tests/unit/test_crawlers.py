@@ -1,0 +1,49 @@
+"""From the settings to a crawler: what its recordings say of themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from device.clock import Clock
+from device.config import CrawlerSettings, Settings
+from device.crawler import Crawler
+from device.crawlers import make_crawler
+from device.errors import Invalid
+from device.store import Store
+
+PICTURE = np.full((48, 64, 3), 90, np.uint8)
+
+
+def crawler_of(folder: Path, **settings: object) -> Crawler:
+    store = Store(folder / "data", Clock(folder / "no-clock"))
+    try:
+        crawler = CrawlerSettings.model_validate({"encoder": "osd", **settings})
+        return make_crawler(Settings(data_dir=folder / "data", crawler=crawler), store, lambda: None)
+    finally:
+        store.close()
+
+
+@pytest.mark.parametrize(("period_ms", "sparse"), [(40, False), (1000, True)])
+def test_stills_say_how_far_apart_they_are(tmp_path: Path, period_ms: int, sparse: bool) -> None:
+    stills = tmp_path / "stills"
+    stills.mkdir()
+    for k in range(4):
+        cv2.imwrite(str(stills / f"{period_ms * k}.jpg"), PICTURE)
+    crawler = crawler_of(tmp_path, grabber="stills", grabber_source=str(stills))
+    assert crawler.sparse == sparse
+    assert crawler.grabber is not None
+    assert crawler.grabber.recorded
+
+
+def test_a_recording_that_is_not_there_yet_is_the_feeds_to_tell(tmp_path: Path) -> None:
+    crawler = crawler_of(tmp_path, grabber="video", grabber_source=str(tmp_path / "nothing.mp4"))
+    assert not crawler.sparse
+
+
+def test_an_option_that_no_driver_has_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Invalid, match="does not have"):
+        crawler_of(tmp_path, grabber="stills", grabber_source=str(tmp_path), grabber_options={"colour": 1})
