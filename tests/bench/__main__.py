@@ -32,6 +32,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("hostile", (), ("--seconds", "3")),
     ("phones", (), ("--rounds", "2", "--seconds", "8")),
     ("unattended", (), ("--tour", "two")),
+    ("real_chain", (), ()),
     (
         "crash",
         ("--rounds", "1"),
