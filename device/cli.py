@@ -35,7 +35,7 @@ class LazyCommands(click.Group):
         "demo-inspection": ("device.export_command:demo", "Put a complete virtual inspection into the store."),
         "doctor": ("device.doctor:doctor", "Look at everything the box needs."),
         "export": ("device.export_command:export_inspection", "Write an inspection in the formats of the trade."),
-        "fcdd": ("device.fcdd_command:fcdd", "Train, export and judge the detector of landmarks."),
+        "fcdd": ("device.fcdd.command:fcdd", "Train, export and judge the detector of landmarks."),
         "label": ("device.label:label", "Print the label of the box: Wi-Fi, page and PIN."),
         "map": ("device.map_command:map_pipe", "Map a pipe from CCTV and tether."),
         "measure": ("device.measure_command:measure", "Measure the diameter of a pipe."),

@@ -59,7 +59,7 @@ def make_lamp(settings: LampSettings) -> Lamp | None:
 
 def _detector(every: int) -> Detector:
     """The shipped network, looking at each ``every``-th picture; loaded when a drive begins."""
-    from device.fcdd_detector import shipped_detector
+    from device.fcdd.detector import shipped_detector
 
     return shipped_detector(every=every)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.errors import Invalid
-from device.fcdd_model import load_model
+from device.fcdd.model import load_model
 from device.pictures import encode_jpeg
 from estimators.detections import CLASSES
 

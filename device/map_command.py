@@ -195,7 +195,7 @@ def _recording(wanted: Options) -> Map:
 
         run = VirtualRun(wanted.seed)
         return map_frames(run.frames(), run.frame_count, run.way(), run.setup(), run.detector(), wanted.length)
-    from device.fcdd_detector import shipped_detector  # onnxruntime, which --help does without
+    from device.fcdd.detector import shipped_detector  # onnxruntime, which --help does without
 
     recording = _Recording(wanted)
     way = recording.way()

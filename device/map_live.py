@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from device.errors import Invalid
-from device.fcdd_detector import shipped_detector
+from device.fcdd.detector import shipped_detector
 from device.feed import EncoderFeed, Feed, GrabberFeed
 from device.map_command import Map, finished, warn
 from device.prompts import PROMPTS

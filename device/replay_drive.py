@@ -98,7 +98,7 @@ class DriveReplay:
         sha256 = head["detector"]["model"]
         if sha256 is None or recorded_detections:
             return NoDetector() if head["detector"]["name"] == NoDetector.name else self._then
-        from device.fcdd_detector import same_detector
+        from device.fcdd.detector import same_detector
 
         return Again(same_detector(sha256, model), self._then)
 

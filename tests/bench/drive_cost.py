@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from device.detectors import Detector
-from device.fcdd_detector import shipped_detector
+from device.fcdd.detector import shipped_detector
 from device.json_text import dumps
 from device.landmark_overlay import draw
 from device.surveys import looking

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from device.fcdd_model import load_model
+from device.fcdd.model import load_model
 from tests.bench.real_data import data_folder
 
 OBSTACLE = 1

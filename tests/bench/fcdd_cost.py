@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from device.fcdd_model import SHIPPED, SHIPPED_INT8, load_model
+from device.fcdd.model import SHIPPED, SHIPPED_INT8, load_model
 from tests.bench.table import print_table
 
 

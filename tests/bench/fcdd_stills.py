@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from device.fcdd_train import Wanted, train_scores
+from device.fcdd.train import Wanted, train_scores
 from estimators.detections import CLASSES
 from estimators.fcdd_training.folds import auroc, auroc_interval, grouped_folds, threshold_for
 from tests.bench.real_data import data_folder

@@ -32,7 +32,7 @@ from device.clock import Clock
 from device.config import RecordingSettings, Settings
 from device.crawler import Crawler, Optics
 from device.daemon import Device
-from device.fcdd_detector import shipped_detector
+from device.fcdd.detector import shipped_detector
 from device.feed import EncoderFeed, GrabberFeed
 from device.recorder.names import Name, recordings_in
 from device.recorder.reader import open_recording

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from device.errors import Invalid
-from device.fcdd_archive import SHIPPED_CLASSES, class_name, read_archive, read_boxes, read_classes, read_picture
+from device.fcdd.archive import SHIPPED_CLASSES, class_name, read_archive, read_boxes, read_classes, read_picture
 from estimators.detections import CLASSES
 
 

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from device.cli import cli
 from device.errors import Invalid
-from device.fcdd_detector import FcddDetector
-from device.fcdd_model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
+from device.fcdd.detector import FcddDetector
+from device.fcdd.model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
 from drivers.grabber.base import VideoFrame
 from estimators.detections import CLASSES
 from estimators.fcdd import Fcdd, ModelBroken, ModelCard, card_of
@@ -176,7 +176,7 @@ def test_the_faster_of_both_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
             return found
 
         monkeypatch.setattr(Fcdd, "run", run)
-        monkeypatch.setattr("device.fcdd_model.load_model", load)
-        monkeypatch.setattr("device.fcdd_model.time.perf_counter", lambda: now[0])
+        monkeypatch.setattr("device.fcdd.model.load_model", load)
+        monkeypatch.setattr("device.fcdd.model.time.perf_counter", lambda: now[0])
         assert fastest_model() not in held
         monkeypatch.undo()

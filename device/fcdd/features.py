@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.errors import Invalid
-from device.fcdd_lessons import Lesson
+from device.fcdd.lessons import Lesson
 from estimators.fcdd import prepared
 from estimators.fcdd_training.augment import augmented
 

@@ -85,7 +85,7 @@ def read_classes(file: Path) -> ClassFile:
     return ClassFile(codes)
 
 
-SHIPPED_CLASSES = read_classes(Path(__file__).parent / "data" / "fcdd" / "classes.json")
+SHIPPED_CLASSES = read_classes(Path(__file__).parents[1] / "data" / "fcdd" / "classes.json")
 
 
 def read_archive(folder: Path, classes: ClassFile = SHIPPED_CLASSES) -> list[Still]:

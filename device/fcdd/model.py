@@ -13,7 +13,7 @@ from device.errors import Invalid
 if TYPE_CHECKING:
     from estimators.fcdd import Fcdd
 
-SHIPPED = Path(__file__).parent / "data" / "fcdd" / "fcdd.onnx"
+SHIPPED = Path(__file__).parents[1] / "data" / "fcdd" / "fcdd.onnx"
 SHIPPED_INT8 = SHIPPED.with_name("fcdd_int8.onnx")
 MOST_BYTES = 200_000_000
 TIMED_RUNS = 5

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from device.detectors import EVERY
 from device.errors import Invalid
-from device.fcdd_model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
+from device.fcdd.model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.fcdd import Fcdd

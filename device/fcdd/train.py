@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.errors import Invalid
-from device.fcdd_archive import SHIPPED_CLASSES, ClassFile, read_archive, read_boxes, read_picture
-from device.fcdd_features import SIZE, Versions, features_of, pretrained, trunk_model
-from device.fcdd_lessons import PLACED, Lesson, lessons_of, rendered_lessons, taught_names
-from device.fcdd_places import learn_places
+from device.fcdd.archive import SHIPPED_CLASSES, ClassFile, read_archive, read_boxes, read_picture
+from device.fcdd.features import SIZE, Versions, features_of, pretrained, trunk_model
+from device.fcdd.lessons import PLACED, Lesson, lessons_of, rendered_lessons, taught_names
+from device.fcdd.places import learn_places
 from estimators.fcdd import ModelCard, prepared
 from estimators.fcdd_training.folds import auroc, grouped_folds, threshold_for
 
@@ -268,7 +268,7 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
     score from torch on some pictures made of noise and shapes. Raises Invalid."""
     import torch
 
-    from device.fcdd_export import float_model, int8_model
+    from device.fcdd.export import float_model, int8_model
     from estimators.fcdd import Fcdd as Runtime
     from estimators.fcdd import card_of
     from estimators.fcdd_training.network import Fcdd, Trunk, Whole

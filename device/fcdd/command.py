@@ -10,8 +10,8 @@ import click
 import numpy as np
 
 from device.errors import Invalid
-from device.fcdd_archive import SHIPPED_CLASSES, Still, read_archive, read_classes, read_picture
-from device.fcdd_model import SHIPPED, load_model
+from device.fcdd.archive import SHIPPED_CLASSES, Still, read_archive, read_classes, read_picture
+from device.fcdd.model import SHIPPED, load_model
 from device.json_text import dumps
 from device.map_command import progress
 
@@ -84,7 +84,7 @@ def evaluate(data: Path, model: Path | None, scores: Path | None, single: bool, 
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 def train(**options: Any) -> int:
     """Train the detector on labelled pictures; goes on where it was stopped."""
-    from device.fcdd_train import Wanted, train_model
+    from device.fcdd.train import Wanted, train_model
 
     file = options.pop("classes")
     classes = SHIPPED_CLASSES if file is None else read_classes(file)
@@ -101,7 +101,7 @@ def train(**options: Any) -> int:
 @click.option("--int8", "as_int8", is_flag=True, help="Static int8 instead of float32.")
 def export(weights: Path, out: Path, calibrate: Path | None, as_int8: bool) -> int:
     """Write trained weights as a model, checked against torch."""
-    from device.fcdd_train import export_weights
+    from device.fcdd.train import export_weights
 
     if as_int8 and calibrate is None:
         raise Invalid("Say with --calibrate which pictures int8 is to be calibrated on.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from device.fcdd_lessons import PLACED, Lesson
+from device.fcdd.lessons import PLACED, Lesson
 from estimators.fcdd_training.folds import auroc, grouped_folds, threshold_for
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device.fcdd_archive import NORMAL, Still, read_picture
-from device.fcdd_frames import rendered_frames
+from device.fcdd.archive import NORMAL, Still, read_picture
+from device.fcdd.frames import rendered_frames
 from estimators.detections import CLASSES
 
 KEPT = (480, 360)
