@@ -21,6 +21,7 @@ from device.autonomy import Condition
 from device.autonomy_loop import Unattended, told
 from device.bus import Bus, Subscription
 from device.cameras import feeds as make_feeds
+from device.chamber_rig import make_rig
 from device.clock import Clock
 from device.config import Settings
 from device.crawler import Crawler
@@ -43,6 +44,7 @@ from device.stereo_rig import StereoEye, make_stereo
 from device.store import Store
 from device.store.journal import LastTime
 from device.store.surveys import QUESTIONS
+from device.structure_desk import StructureDesk
 from device.surveys.diameter import DiameterSurvey
 from device.surveys.landmarks import LandmarkSurvey
 from device.surveys.live import LiveEstimates
@@ -102,6 +104,7 @@ class Device:
                 folder=settings.data_dir,
                 publish=lambda state: self._bus.publish("control", state),
             )
+            rig = make_rig(settings.structure, settings.virtual_seed, self._feeds, self._changed.set)
             eye = eye or make_stereo(settings.stereo, settings.virtual_seed, self._changed.set)
             self._crawler = (crawler or (lambda store: make_crawler(settings, store, self._changed.set)))(self._store)
         except DeviceError:
@@ -120,6 +123,9 @@ class Device:
             first_notes=lambda: {HEALTH_TOPIC: self._health.to_json()},
         )
         self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
+        self.structure = StructureDesk(
+            self._store, self._bus, rig, self._shelf, turns=self.turns, refuse_without_room=self._refuse_without_room
+        )
         self.anomaly = AnomalyDesk(
             settings.stereo,
             eye,
@@ -142,6 +148,7 @@ class Device:
             self._bus,
             [("camera", feed) for feed in self._feeds]
             + [("grabber" if feed is self._crawler.grabber else "encoder", feed) for feed in self._crawler.feeds]
+            + self.structure.sensors()
             + self.anomaly.sensors(),
             turn=self.turns.loop("health", 120.0),
             keep=lambda health: self._shelf.note(HEALTH_TOPIC, health),
@@ -183,6 +190,11 @@ class Device:
         interrupted = self._store.drives.interrupt_unfinished()
         if interrupted:
             log.warning("%d drive(s) were cut off when the box last stopped and are kept as far as they went", interrupted)
+        chambers = self._store.structures.interrupt_unfinished()
+        if chambers:
+            log.warning(
+                "%d structure survey(s) were cut off when the box last stopped and are kept as far as they went", chambers
+            )
         purged = self._store.surveys.purge(self.settings.purge_days)
         if purged:
             log.info("%d survey(s) deleted more than %d days ago were removed", len(purged), self.settings.purge_days)
@@ -190,6 +202,7 @@ class Device:
             self._shelf.remove(survey)
         for feed in (*self._feeds, *self._crawler.feeds):
             feed.start()
+        self.structure.start()
         self.anomaly.start()
         self._live.start()
         threading.Thread(target=self._shelf.recover_all, name="recovery", daemon=True).start()
@@ -207,6 +220,7 @@ class Device:
         self._bus.close()
         self._unattended.close()
         self._drive.close()
+        self.structure.close()
         self.anomaly.close()
         self._survey.close()
         self._live.close()
@@ -251,7 +265,7 @@ class Device:
     @property
     def settled(self) -> bool:
         """Whether every sensor is up or has been declared degraded or lost: nobody waits for one that is being started."""
-        feeds = (*self._feeds, *self._crawler.feeds, *self.anomaly.feeds)
+        feeds = (*self._feeds, *self._crawler.feeds, *self.structure.feeds, *self.anomaly.feeds)
         return all(feed.status().state != "starting" for feed in feeds)
 
     def status_line(self) -> str:
@@ -300,7 +314,7 @@ class Device:
         return self._live.newest()
 
     def subscribe(self) -> Subscription:
-        """Events from now on: "status", "live", "measurement", "prompt", "drive", "anomaly", "control"."""
+        """Events from now on: "status", "live", "measurement", "prompt", "drive", "structure", "anomaly", "control"."""
         return self._bus.subscribe()
 
     def picture(self, kind: str, camera: str | None = None) -> bytes | None:
@@ -415,6 +429,7 @@ class Device:
         """Out of sight; ``restore_survey`` undoes it until it is purged. Raises NotFound, Busy."""
         self._survey.refuse_if_measuring(survey_id)
         self._drive.refuse_if_driving(survey_id)
+        self.structure.refuse_if_scanning(survey_id)
         self.anomaly.refuse_if_scanning(survey_id)
         self._store.surveys.delete(survey_id)
 

@@ -113,6 +113,12 @@ class DriveBody(Body):
     start_chainage_m: Chainage | None = None
 
 
+class StructureBody(Body):
+    """Map a chamber: the node that it is, where it is known."""
+
+    node_id: Id | None = None
+
+
 class MarkBody(Body):
     """A landmark that the operator sees where the crawler is now; the clock position where it is known."""
 
@@ -247,6 +253,14 @@ class ThumbnailQuery(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     heatmap: Annotated[str, Field(max_length=80)] | None = None
+
+
+class StructureQuery(BaseModel):
+    """The structure page opened for one node."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    node: Id | None = None
 
 
 class MeasureQuery(BaseModel):

@@ -88,6 +88,7 @@ class Stream:
         yield frame("status", self._device.status())
         yield frame("live", self._device.live())
         yield frame("drive", self._device.drive())
+        yield frame("structure", self._device.structure.state())
         yield frame("control", self._device.access.state())
         spoke = time.monotonic()
         while not (self._stopped.is_set() or subscription.closed or self._gone()):

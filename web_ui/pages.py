@@ -80,6 +80,9 @@ def blueprint(device: "Device") -> Blueprint:
         if survey["kind"] == "landmarks":
             drive = device.survey_map(number)
             return render_template("map.html", survey=survey, map=drive, classes=wording.CLASSES, recording=recording)
+        if survey["kind"] == "structure":
+            found = device.structure.map(number)
+            return render_template("structure_map.html", survey=survey, map=found, recording=recording)
         kept = next((kind for kind in ("color", "depth") if device.survey_picture(number, kind) is not None), None)
         return render_template("result.html", survey=survey, picture=kept, questions=wording.QUESTIONS, recording=recording)
 

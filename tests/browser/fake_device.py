@@ -25,6 +25,7 @@ from device.errors import Busy, Invalid, NotFound
 from tests.browser.fake_alone import FakeAlone
 from tests.browser.fake_box import FakeBox
 from tests.browser.fake_drive import FakeDrive
+from tests.browser.fake_structure import FakeStructure
 from tests.pairing import PIN
 
 Json = dict[str, Any]
@@ -183,6 +184,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         self._threads: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
         self.set_up_box()
         self.set_up_drive()
+        self.structure = FakeStructure(self._bus)
         self._start(self._publish)
 
     def _start(self, target: Any, *args: Any) -> None:
@@ -455,6 +457,8 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         drive = self.drive_survey(survey_id)
         if drive is not None:
             return drive
+        if survey_id in self.structure.maps:
+            return {**self.structure.map(survey_id), "id": survey_id, "pipe": None, "result": None}
         if survey_id not in self._surveys:
             raise NotFound(f"There is no survey {survey_id}.")
         return self._surveys[survey_id]
@@ -493,6 +497,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
 
     def close(self) -> None:
         self._stop.set()
+        self.structure.close()
         self._cancel.set()
         while not self._threads.empty():
             self._threads.get().join(timeout=5)
