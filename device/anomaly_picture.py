@@ -56,7 +56,7 @@ def deviation_overlay(picture: Picture, step: float, findings: PairFindings) -> 
 def wall_colours(deviation: NDArray[np.float32], hidden: NDArray[np.bool_], wall: NDArray[np.bool_]) -> Picture:
     """An unrolled wall (Z, A) in colours (Z, A, 3): crown in the middle, near at the bottom; grey what was not measured, pale
     grey what is hidden, black what is no wall."""
-    quarter = deviation.shape[1] // 4
+    quarter = deviation.shape[1] // 4  # from 9 o'clock to 6
     deviation = np.roll(deviation, quarter, axis=1)[::-1]
     level = np.clip(deviation / FULL_SCALE_M, -1, 1)
     pale = 235 * (1 - np.abs(np.nan_to_num(level)))

@@ -7,7 +7,7 @@ from flask import Flask
 from flask.json.provider import DefaultJSONProvider
 
 from device.json_text import dumps
-from web_ui import alone, api, box, captive, events, faults, guards, inspecting, pages, recordings, session, structure
+from web_ui import alone, anomaly, api, box, captive, events, faults, guards, inspecting, pages, recordings, session, structure
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -40,6 +40,7 @@ def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_
     app.register_blueprint(pages.blueprint(device))
     app.register_blueprint(box.blueprint(device))
     app.register_blueprint(alone.blueprint(device))
+    app.register_blueprint(anomaly.blueprint(device))
     app.register_blueprint(inspecting.blueprint(device))
     app.register_blueprint(structure.blueprint(device))
     app.register_blueprint(captive.blueprint())

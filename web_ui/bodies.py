@@ -104,6 +104,14 @@ class MeasureBody(Body):
     survey_id: Id | None = None
 
 
+class ScanBody(Body):
+    """Scan the present view of the stereo camera: which pipe, where in it the camera stands, how many pairs."""
+
+    pipe_id: Id | None = None
+    chainage_m: Chainage | None = None
+    pairs: Annotated[int, Field(ge=1, le=20)] | None = None
+
+
 class DriveBody(Body):
     """Start a drive: which pipe, which way, its interior radius where it is known, the chainage it begins at."""
 

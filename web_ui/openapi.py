@@ -20,7 +20,7 @@ _PREFIX = "/api/v1"
 _REF = "#/components/schemas/"
 _PARAMETER = re.compile(r"<(?:(?P<kind>\w+)(?:\((?P<arguments>[^)]*)\))?:)?(?P<name>\w+)>")
 _CHANGES = frozenset({"POST", "PUT", "PATCH", "DELETE"})
-JPEG = "image/jpeg"
+JPEG, PNG = "image/jpeg", "image/png"
 EVENTS = "text/event-stream"
 FILE = "application/octet-stream"
 MCAP = "application/octet-stream"
@@ -28,7 +28,7 @@ MCAP = "application/octet-stream"
 
 @dataclass(frozen=True)
 class Told:
-    """What is told of a route. `answer` is a model, a type made of models, JPEG, EVENTS, MCAP, or None for 204 without a body.
+    """What is told of a route. `answer` is a model, a type made of models, JPEG, PNG, EVENTS, MCAP, or None: 204, no body.
 
     `errors` are the statuses that the route adds to those that its kind has anyway (see `_errors`).
     """
@@ -94,6 +94,15 @@ ROUTES: dict[str, Told] = {
     "alone.told": Told("Logging by itself, and the journal of what happened", answers.Alone),
     "alone.switch": Told("Log by itself, or not", answers.Autonomy, bodies.AloneBody, errors=(507,)),
     "alone.looked": Told("Somebody has read the journal up to an entry", None, bodies.LookedBody, errors=(507,)),
+    "anomaly.state": Told("The anomaly survey and its camera; whoever asks wakes it", answers.Anomaly),
+    "anomaly.scan": Told(
+        "Scan the present view of the stereo camera", answers.Begun, bodies.ScanBody, status=202, errors=(404, 409, 507)
+    ),
+    "anomaly.cancel": Told("Cancel the scan", None, bodies.Empty),
+    "anomaly.picture": Told("The newest picture of the stereo camera", JPEG),
+    "anomaly.found": Told("What a scan found", answers.AnomalyFound),
+    "anomaly.view": Told("The reference picture of a scan, without or with the deviations", JPEG),
+    "anomaly.wall": Told("The unrolled wall of a scan in colours", PNG),
     "inspecting.inspections": Told("All inspections", list[answers.InspectionRow], query=wanted.InspectionQuery),
     "inspecting.begin": Told(
         "Begin an inspection; it takes the pipe's surveys that belong to none",
@@ -127,7 +136,7 @@ ROUTES: dict[str, Told] = {
     "structure.file": Told("The map as a JSON graph, PLY or glTF", FILE, errors=(422,)),
     "api.document": Told("This document", dict[str, Any]),
     "events.stream": Told(
-        "Events status, live, measurement, prompt, drive, structure and control, one stream per tab",
+        "Events status, live, measurement, prompt, drive, structure, anomaly and control, one stream per tab",
         EVENTS,
         query=bodies.EventsQuery,
         errors=(503,),
@@ -203,8 +212,8 @@ def _errors(rule: Rule, method: str, told: Told) -> set[int]:
 def _success(told: Told) -> dict[str, Any]:
     if told.answer is None:
         return {"204": {"description": "Done."}}
-    if told.answer == JPEG:
-        picture = {"description": "The picture.", "content": {JPEG: {"schema": {"type": "string", "format": "binary"}}}}
+    if told.answer in (JPEG, PNG):
+        picture = {"description": "The picture.", "content": {told.answer: {"schema": {"type": "string", "format": "binary"}}}}
         return {"200": picture, "204": {"description": "There is no picture."}}
     if told.answer == MCAP:
         return {"200": {"description": "The file.", "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}}}}
@@ -269,7 +278,7 @@ def _schemas() -> dict[str, Any]:
     """Every model that a route names, with those inside it."""
     made: dict[str, Any] = {}
     for told in ROUTES.values():
-        if told.answer not in (None, JPEG, EVENTS, MCAP):
+        if told.answer not in (None, JPEG, PNG, EVENTS, MCAP):
             schema = TypeAdapter(told.answer).json_schema(mode="serialization", ref_template=_REF + "{model}")
             made |= schema.get("$defs", {})
             if isinstance(told.answer, type) and issubclass(told.answer, BaseModel):

@@ -77,6 +77,8 @@ def blueprint(device: "Device") -> Blueprint:
     @pages.get(f"/surveys/<int(min=1, max={bodies.MAX_ID}):number>")
     def result(number: int) -> str:
         survey, recording = device.survey(number), device.recordings(number)
+        if survey["kind"] == "anomaly":
+            return render_template("anomaly_result.html", survey=survey, recording=recording)
         if survey["kind"] == "landmarks":
             drive = device.survey_map(number)
             return render_template("map.html", survey=survey, map=drive, classes=wording.CLASSES, recording=recording)

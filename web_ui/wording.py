@@ -30,6 +30,19 @@ _REASONS = {
     "water": "water or deposit",
     "camera_lost": "camera lost",
     "second_position": "second position needed",
+    "pair_dark": "too dark",
+    "pair_bright": "over-exposed",
+    "pair_blurred": "out of focus",
+    "pair_near": "too near",
+    "pair_aside": "off the axis",
+    "pair_too_smooth": "wall too smooth",
+    "pair_no_match": "pictures do not match",
+    "pair_no_wall": "no pipe in view",
+    "pair_too_short": "too short a piece of wall",
+    "pair_one_sided": "wall on one side only",
+    "pair_not_smooth": "no sound profile",
+    "pair_moved": "movement",
+    "pair_lost": "camera lost",
 }
 
 

@@ -23,6 +23,7 @@ from device.bus import Bus, Subscription
 from device.daemon import GONE
 from device.errors import Busy, Invalid, NotFound
 from tests.browser.fake_alone import FakeAlone
+from tests.browser.fake_anomaly import FakeAnomaly
 from tests.browser.fake_box import FakeBox
 from tests.browser.fake_drive import FakeDrive
 from tests.browser.fake_structure import FakeStructure
@@ -185,6 +186,8 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         self.set_up_box()
         self.set_up_drive()
         self.structure = FakeStructure(self._bus)
+        self.anomaly = FakeAnomaly(self._bus, self._ids)
+        self.anomaly.pipe_of = self._pipes.get
         self._start(self._publish)
 
     def _start(self, target: Any, *args: Any) -> None:
@@ -301,6 +304,8 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         return self.raw
 
     def cloud(self, survey_id: int | None) -> Json:
+        if survey_id in self.anomaly.surveys:
+            return self.anomaly.cloud(survey_id)
         if survey_id is not None:
             self.survey(survey_id)
         rng = np.random.default_rng(5)
@@ -370,7 +375,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
     def _tell(self, state: str, message: str = "") -> None:
         survey = self._survey
         data = {key: survey[key] for key in ("survey_id", "frames_done", "frames_wanted")}
-        self._bus.publish("measurement", {**data, "state": state, "message": message})
+        self._bus.publish("measurement", {"kind": "diameter", **data, "state": state, "message": message})
 
     def _run(self, number: int, pipe_id: int | None, position: str, wanted: int) -> None:
         for done in range(1, wanted + 1):
@@ -385,7 +390,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         time.sleep(0.2)
         if self.outcome == "failed":
             self._tell("failed", CAMERA_LOST["reason"])
-            self._bus.publish("prompt", {"survey_id": number, **CAMERA_LOST})
+            self._bus.publish("prompt", {"kind": "diameter", "survey_id": number, **CAMERA_LOST})
         else:
             self.add_survey(number, pipe_id, position, self.outcome)
             self._tell("saved")
@@ -448,6 +453,11 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
                     "reasons": finding["reasons"],
                 }
             )
+        for number, survey in self.anomaly.surveys.items():
+            pipe = survey["pipe"] or {"id": None, "name": None}
+            if pipe_id in (None, pipe["id"]) and (before is None or number < before):
+                shown = {key: survey[key] for key in ("id", "kind", "created", "final_verdict")}
+                rows.append({**shown, **survey["result"], "pipe": pipe["name"]})
         for row in self.drive_rows():
             if pipe_id in (None, row["pipe_id"]) and (before is None or row["id"] < before):
                 rows.append(row)
@@ -459,6 +469,8 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
             return drive
         if survey_id in self.structure.maps:
             return {**self.structure.map(survey_id), "id": survey_id, "pipe": None, "result": None}
+        if survey_id in self.anomaly.surveys:
+            return self.anomaly.surveys[survey_id]
         if survey_id not in self._surveys:
             raise NotFound(f"There is no survey {survey_id}.")
         return self._surveys[survey_id]

@@ -50,6 +50,14 @@ export function projector({ centre, yaw, pitch, zoom, width, height, size }) {
   };
 }
 
+// Pale on the wall, red inwards, blue outwards, full at 10 mm.
+function deviationColour(mm) {
+  const strength = Math.min(Math.abs(mm) / 10, 1);
+  const [r, g, b] = mm < 0 ? [255, 70, 60] : [70, 150, 255];
+  const mix = (part) => Math.round(205 + (part - 205) * strength);
+  return `rgb(${mix(r)} ${mix(g)} ${mix(b)})`;
+}
+
 export class CloudView {
   constructor(canvas, cloud) {
     this.canvas = canvas;
@@ -121,7 +129,7 @@ export class CloudView {
       const [x, y, depth] = project(p);
       if (depth < 0.2) return; // behind the eye
       if (cloud.inlier[index]) {
-        context.fillStyle = "#59c2ff";
+        context.fillStyle = cloud.deviation_mm ? deviationColour(cloud.deviation_mm[index]) : "#59c2ff";
         const side = Math.max(2, 6 / depth);
         context.fillRect(x - side / 2, y - side / 2, side, side);
       } else {
@@ -150,7 +158,7 @@ export async function showCloud(place, surveyId) {
     height: 540,
     tabindex: 0,
     role: "img",
-    "aria-label": `Point cloud of ${cloud.points.length} points, ${inside} of them on the fitted cylinder. Arrow keys turn it, plus and minus zoom, Home resets.`,
+    "aria-label": `Point cloud of ${cloud.points.length} points${cloud.deviation_mm ? "" : `, ${inside} of them on the fitted cylinder`}. Arrow keys turn it, plus and minus zoom, Home resets.`,
   });
   const view = new CloudView(canvas, cloud);
   const button = (text, label, action) => {
@@ -166,7 +174,8 @@ export async function showCloud(place, surveyId) {
     button("+", "Closer", () => view.magnify(1.3)),
     button("−", "Farther", () => view.magnify(1 / 1.3)),
   ]);
-  const words = html("p", { class: "small" }, `Blue squares lie on the cylinder (${inside} of ${cloud.points.length} points), orange crosses do not.`);
+  const told = cloud.deviation_mm ? "Red points come inwards, blue ones fall outwards; full colour at 10 mm." : `Blue squares lie on the cylinder (${inside} of ${cloud.points.length} points), orange crosses do not.`;
+  const words = html("p", { class: "small" }, told);
   place.replaceChildren(canvas, buttons, words);
   return view;
 }

@@ -7,7 +7,7 @@ const SILENCE_MS = 4000; // the box speaks at least once a second
 const LOST_MS = 3500;
 const POLL_MS = 400;
 const RETRY_MS = 6000;
-const NAMES = ["status", "live", "measurement", "prompt", "drive", "structure", "control"];
+const NAMES = ["status", "live", "measurement", "prompt", "drive", "structure", "anomaly", "control"];
 
 const tabName = () => Array.from(crypto.getRandomValues(new Uint32Array(2)), (part) => part.toString(36)).join("-");
 

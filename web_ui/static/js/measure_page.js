@@ -165,6 +165,7 @@ async function findOut(survey) {
 }
 
 function onMeasurement(event) {
+  if (event.kind !== "diameter") return; // another survey's
   if (event.state === "measuring" || event.state === "computing") showRunning(event);
   else if (event.state === "saved" && running) finished(event.survey_id);
   else if (event.state === "cancelled") showIdle(event.message || "Cancelled.", false);
@@ -206,7 +207,7 @@ async function cancel() {
 
 // What to do about a measurement that failed; one that is saved says so on its own page.
 function onPrompt(prompt) {
-  if (!byId("failed").hidden) showFailure(byId("failed"), `${prompt.reason} ${prompt.remedy}`);
+  if (prompt.kind === "diameter" && !byId("failed").hidden) showFailure(byId("failed"), `${prompt.reason} ${prompt.remedy}`);
 }
 
 // --- wiring ---------------------------------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import { timeout } from "./api.js";
 
-const REST_MS = { depth: 140, color: 280, drive: 120 };
+const REST_MS = { depth: 140, color: 280, drive: 120, stereo: 400 };
 const AFTER_FAILURE_MS = 700;
 
 export class PicturePoller {

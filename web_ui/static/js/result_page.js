@@ -6,28 +6,12 @@ import { crossSection } from "./cross_section.js";
 import { announce, byId, data, html, localTimes, showFailure, toast, wake } from "./dom.js";
 import { recall, remember } from "./operator.js";
 import { startShell } from "./shell.js";
+import { openCloud, startDeletion } from "./survey_page.js";
 
 const { id, result } = data("survey-data");
 
 function draw(place, drawing, instead) {
   place?.replaceChildren(drawing ?? html("p", {}, instead));
-}
-
-async function openCloud() {
-  const button = byId("cloud-show");
-  const place = byId("cloud");
-  button.disabled = true;
-  place.hidden = false;
-  place.replaceChildren(html("p", {}, "Loading the points …"));
-  try {
-    const { showCloud } = await import("./cloud.js");
-    await showCloud(place, id);
-    button.hidden = true;
-    place.querySelector("canvas")?.focus();
-  } catch (error) {
-    place.replaceChildren(html("p", { class: "failed" }, error.message));
-    button.disabled = false;
-  }
 }
 
 // The server words the verdict; after an answer its page is asked for again and the parts that can change are put in place.
@@ -67,25 +51,13 @@ async function answer(event) {
   }
 }
 
-async function remove() {
-  byId("delete-confirm").disabled = true;
-  try {
-    await ask(`/surveys/${id}`, { method: "DELETE" });
-    location.assign(`/surveys?deleted=${id}`);
-  } catch (error) {
-    showFailure(byId("delete-error"), error.message);
-    byId("delete-confirm").disabled = false;
-  }
-}
-
 startShell();
 localTimes();
-byId("delete").addEventListener("click", () => byId("delete-dialog").showModal());
-byId("delete-confirm").addEventListener("click", remove);
+startDeletion(id);
 if (result) {
   draw(byId("cross"), crossSection(result), "No cross-section.");
   draw(byId("boxes"), boxPlot(result.frames, result.interval_mm), "No frame gave a diameter.");
-  byId("cloud-show").addEventListener("click", openCloud);
+  byId("cloud-show").addEventListener("click", () => openCloud(id));
   byId("answer-form").addEventListener("submit", answer);
   if (!byId("by").value) byId("by").value = recall();
 }

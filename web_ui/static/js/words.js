@@ -42,3 +42,5 @@ export function age(seconds) {
 }
 
 export const millimetres = (value) => (value === null || value === undefined ? "–" : value.toFixed(0));
+
+export const percent = (share) => (share === null || share === undefined ? "–" : `${Math.round(100 * share)} %`);

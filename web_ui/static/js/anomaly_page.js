@@ -1,0 +1,222 @@
+// The anomaly page: aim the stereo camera, see what it would see, scan, wait.
+
+import { ask } from "./api.js";
+import { announce, byId, setData, setIcon, setText, showFailure, svg, wake } from "./dom.js";
+import { PicturePoller, viewState } from "./picture.js";
+import { PipeChooser } from "./pipes.js";
+import { startShell } from "./shell.js";
+import { CAMERAS, age, percent } from "./words.js";
+
+const READY = { reason: "Both cameras see the wall.", remedy: "Hold the box still and press Scan." };
+const WAITING = { reason: "Waiting for the stereo camera …", remedy: "It is started when somebody looks; this takes a few seconds." };
+const MISSING_END_MS = 4000;
+const ASK_MS = 2500;
+
+const available = byId("anomaly").dataset.available === "yes";
+const now = () => performance.now() / 1000;
+const seen = { state: null, at: 0, pictureAt: null };
+let running = null;
+
+const feed = startShell({ live: "anomaly" });
+const chooser = new PipeChooser(() => {});
+
+// --- what the camera sees -------------------------------------------------------------------------------------------------------
+
+// The pipe as a circle, the camera as a cross in it.
+function showTarget(live) {
+  const known = live && live.right !== null;
+  const place = byId("aim-target");
+  const drawing = svg("svg", { viewBox: "-1.15 -1.15 2.3 2.3", "aria-hidden": "true" }, [
+    svg("circle", { r: 1, class: "pipe" }),
+    svg("circle", { r: 0.35, class: "middle" }),
+  ]);
+  if (known) {
+    const [x, y] = [live.right, live.down].map((part) => Math.max(-1, Math.min(1, part)));
+    drawing.append(svg("path", { d: `M${x - 0.16} ${y}h.32M${x} ${y - 0.16}v.32`, class: "camera" }));
+  }
+  place.replaceChildren(drawing);
+  place.setAttribute("aria-label", known ? `The camera stands ${aside(live)}` : "Where the camera stands in the pipe: not known");
+}
+
+function aside(live) {
+  if (live.right === null) return "–";
+  const off = Math.hypot(live.right, live.down);
+  if (off < 0.05) return "in the middle";
+  const words = [];
+  if (Math.abs(live.down) > 0.03) words.push(live.down > 0 ? "low" : "high");
+  if (Math.abs(live.right) > 0.03) words.push(live.right > 0 ? "right" : "left");
+  return `${Math.round(100 * off)} % of the radius, ${words.join(" and ")}`;
+}
+
+let shown = "";
+function showLive() {
+  const camera = seen.state?.camera;
+  const late = now() - seen.at;
+  const live = seen.state?.live && seen.state.live.age_s + late < 8 && feed.link === "up" ? seen.state.live : null;
+  const key = JSON.stringify([live?.frame, camera?.state, feed.link, running !== null]);
+  if (key === shown) return;
+  shown = key;
+  showTarget(live);
+  setText(byId("aim-matched"), percent(live?.matched));
+  setText(byId("aim-around"), percent(live?.around));
+  setText(byId("aim-aside"), live ? aside(live) : "–");
+  setText(byId("aim-radius"), live?.radius_mm ? `${live.radius_mm} mm` : "–");
+  byId("start").disabled = !available || feed.link === "lost";
+  if (running) return showPrompt("good", { reason: "Scanning.", remedy: "Hold the box still until the pairs are taken." });
+  if (feed.link === "lost") return showPrompt("lost", { reason: "No link to the box.", remedy: "Stay near the box and check that this device is on its Wi-Fi." });
+  if (camera?.state === "lost") return showPrompt("lost", { reason: "The stereo camera is lost.", remedy: camera.message });
+  if (live) return showPrompt(live.level, live.prompt ?? READY);
+  if (camera?.state === "degraded") return showPrompt("fair", { reason: "The stereo camera is troubled.", remedy: camera.message });
+  return showPrompt("waiting", WAITING);
+}
+
+function showPrompt(level, { reason, remedy }) {
+  setData(byId("prompt"), "level", level);
+  setText(byId("prompt-reason"), reason);
+  setText(byId("prompt-remedy"), remedy);
+}
+
+function showView() {
+  const camera = seen.state?.camera;
+  const state = camera?.state === "resting" || !camera ? "starting" : camera.state;
+  const pictureAgeS = seen.pictureAt === null ? null : now() - seen.pictureAt;
+  const ageS = camera && camera.age_s !== null ? camera.age_s + now() - seen.at : null;
+  // a pair comes twice a second and its state less often: the picture itself tells whether it is live
+  const view = viewState({ link: feed.link, camera: state, ageS: pictureAgeS, pictureAgeS, age });
+  setData(byId("view-stereo"), "state", view.state);
+  if (view.text) setText(byId("stereo-veil"), available ? view.text : "This box has no stereo camera.");
+  const known = CAMERAS[state] ?? CAMERAS.starting;
+  const chip = byId("camera-chip");
+  setData(chip, "state", known.state);
+  setIcon(chip, known.icon);
+  setText(byId("camera-text"), camera ? `${known.word}, pair ${age(ageS)} ago` : "no stereo camera");
+  showLive();
+}
+
+function onState(state) {
+  seen.state = state;
+  seen.at = now();
+  const tether = byId("chainage-tether");
+  tether.hidden = state.chainage_m === null;
+  if (state.state !== "idle") showRunning(state);
+  else if (running && now() - running.heard > MISSING_END_MS / 1000) findOut(running);
+  showView();
+}
+
+// --- scanning -------------------------------------------------------------------------------------------------------------------
+
+function showRunning(survey) {
+  const started = running === null;
+  running = { id: survey.survey_id, heard: now() };
+  byId("idle").hidden = true;
+  byId("running").hidden = false;
+  chooser.disabled = true;
+  const computing = survey.state === "computing";
+  setText(byId("running-word"), computing ? "Computing" : "Hold still");
+  const wanted = survey.frames_wanted || 1;
+  setText(byId("running-count"), `${Math.min(survey.frames_done + (computing ? 1 : 0), wanted)} of ${wanted} pairs`);
+  byId("progress").max = 2 * wanted;
+  byId("progress").value = survey.frames_done + (computing ? wanted : 0);
+  if (started) {
+    announce("Scanning. Hold the box still.");
+    showFailure(byId("failed"), null);
+    if (document.activeElement === document.body || document.activeElement === byId("start")) byId("cancel").focus();
+  }
+}
+
+function showIdle(message, failed) {
+  if (running !== null && byId("running").contains(document.activeElement)) setTimeout(() => byId("start").focus());
+  running = null;
+  byId("idle").hidden = false;
+  byId("running").hidden = true;
+  chooser.disabled = false;
+  showFailure(byId("failed"), failed ? message : null);
+  if (!failed && message) announce(message);
+}
+
+function finished(surveyId) {
+  announce("Saved.");
+  location.assign(`/surveys/${surveyId}`);
+}
+
+// The stream may have been away when the scan ended: then the box is asked what became of it.
+async function findOut(survey) {
+  try {
+    await ask(`/surveys/${survey.id}`);
+    finished(survey.id);
+  } catch (error) {
+    showIdle(error.status === 404 ? "The scan ended without a result." : error.message, true);
+  }
+}
+
+function onMeasurement(event) {
+  if (event.kind !== "anomaly") return;
+  if (event.state === "measuring" || event.state === "computing") showRunning(event);
+  else if (event.state === "saved" && running) finished(event.survey_id);
+  else if (event.state === "cancelled") showIdle("The scan was cancelled.", false);
+  else if (event.state === "failed") showIdle(event.message || "The scan failed.", true);
+}
+
+// "12,5" and "12.5 m" are a chainage as well.
+function chainage() {
+  const text = byId("chainage").value.trim().replace(/\s*m$/i, "").replace(",", ".");
+  if (!text) return null;
+  const value = Number(text);
+  if (!Number.isFinite(value)) throw new Error("Camera stands at: a number of metres, or nothing.");
+  return value;
+}
+
+async function start() {
+  byId("start").disabled = true;
+  showFailure(byId("failed"), null);
+  try {
+    const body = { pipe_id: chooser.chosen?.id ?? null, chainage_m: chainage() };
+    const { survey_id: surveyId } = await ask("/anomaly", { method: "POST", body });
+    if (running === null) showRunning({ survey_id: surveyId, state: "measuring", frames_done: 0, frames_wanted: Number(byId("anomaly").dataset.pairs) });
+  } catch (error) {
+    showFailure(byId("failed"), error.message);
+  } finally {
+    byId("start").disabled = !available;
+  }
+}
+
+async function cancel() {
+  try {
+    await ask("/anomaly/cancel", { method: "POST" });
+  } catch (error) {
+    showFailure(byId("failed"), error.message);
+  }
+}
+
+// --- wiring ---------------------------------------------------------------------------------------------------------------------
+
+byId("start").addEventListener("click", start);
+byId("cancel").addEventListener("click", cancel);
+byId("chainage-tether").addEventListener("click", () => (byId("chainage").value = seen.state.chainage_m.toFixed(2)));
+feed.on("anomaly", onState);
+feed.on("measurement", onMeasurement);
+feed.on("prompt", (prompt) => prompt.kind === "anomaly" && !byId("failed").hidden && showFailure(byId("failed"), `${prompt.reason} ${prompt.remedy}`));
+feed.on("link", showView);
+
+async function askAgain() {
+  if (document.hidden) return;
+  try {
+    onState(await ask("/anomaly", { timeoutMs: 3000 }));
+  } catch {
+    // the link's own watch tells
+  }
+}
+
+if (available) {
+  new PicturePoller(byId("stereo"), "stereo", {
+    wanted: () => true,
+    onPicture: () => (seen.pictureAt = now()),
+    onNone: () => {},
+    address: () => "/api/v1/anomaly/picture.jpg?",
+  }).run();
+  setInterval(askAgain, ASK_MS);
+  askAgain();
+}
+setInterval(showView, 500);
+showView();
+wake();
