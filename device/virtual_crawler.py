@@ -26,7 +26,7 @@ from drivers.virtual.detections import SeenLandmark, corrupted
 from drivers.virtual.drive import Drive, demo_drive
 from drivers.virtual.encoder import VirtualCount, VirtualEncoder
 from drivers.virtual.faults import FaultScript
-from drivers.virtual.grabber import FPS, Footage, VirtualGrabber, VirtualVideo
+from drivers.virtual.grabber import Footage, VirtualGrabber, VirtualVideo
 from estimators.detections import Detection
 
 FRESH_S = 1.0
@@ -108,12 +108,14 @@ def virtual_crawler(
     store: Store,
     on_change: Callable[[], None],
     faults: tuple[FaultScript, FaultScript] | None = None,
-    fps: float = FPS,
+    footage: Footage | None = None,
 ) -> Crawler:
-    """The live virtual crawler. ``faults`` are those of its grabber and of its encoder, for who wants to trigger some."""
+    """The live virtual crawler. ``faults`` are those of its grabber and of its encoder, for who wants to trigger some;
+    ``footage`` is what it sees, where that is not to be drawn at the usual rate: then its drive is the footage's."""
     of_grabber, of_encoder = faults or (FaultScript(), FaultScript())
-    drive = demo_drive(seed)
-    footage, clock, lamp = Footage(drive, fps), DriveClock(drive.length_s), VirtualLamp()
+    footage = footage or Footage(demo_drive(seed))
+    drive = footage.drive
+    clock, lamp = DriveClock(drive.length_s), VirtualLamp()
     lamp.set(NOMINAL)  # until the box takes hold of it
     grabber = GrabberFeed(
         "virtual CCTV", "virtual", lambda: VirtualGrabber(footage, clock, of_grabber, lamp), on_demand=True, on_change=on_change

@@ -28,14 +28,15 @@ CCTV_FPS = 8.0
 
 class FaultyBox:
     """The box from outside. ``folder`` keeps what it writes, ``live_hz`` are the estimates and ``fps`` the CCTV
-    pictures that it makes in a second; to be closed."""
+    pictures that it makes in a second, the first ``film_s`` seconds of a drive drawn beforehand; such a box has no
+    depth camera, which would draw too. To be closed."""
 
-    def __init__(self, folder: Path, live_hz: float = 4.0, fps: float = CCTV_FPS) -> None:
+    def __init__(self, folder: Path, live_hz: float = 4.0, fps: float = CCTV_FPS, film_s: float = 0.0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.log = folder / "log.txt"
         self._log = self.log.open("w")
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "tests.bench.faulty_box", str(folder / "data"), str(live_hz), str(fps)],
+            [sys.executable, "-m", "tests.bench.faulty_box", str(folder / "data"), str(live_hz), str(fps), str(film_s)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
@@ -126,16 +127,16 @@ class FaultyBox:
 
 
 @contextlib.contextmanager
-def faulty_box(folder: Path, live_hz: float = 4.0, fps: float = CCTV_FPS) -> Iterator[FaultyBox]:
+def faulty_box(folder: Path, live_hz: float = 4.0, fps: float = CCTV_FPS, film_s: float = 0.0) -> Iterator[FaultyBox]:
     """A box for as long as the block lasts."""
-    box = FaultyBox(folder, live_hz, fps)
+    box = FaultyBox(folder, live_hz, fps, film_s)
     try:
         yield box
     finally:
         box.close()
 
 
-def _serve(folder: Path, live_hz: float, fps: float) -> None:
+def _serve(folder: Path, live_hz: float, fps: float, film_s: float) -> None:
     import logging
     import signal
 
@@ -144,17 +145,22 @@ def _serve(folder: Path, live_hz: float, fps: float) -> None:
     from device.memory import share_heaps
     from device.virtual_crawler import virtual_crawler
     from drivers.virtual.cameras import demo_bus
+    from drivers.virtual.drive import demo_drive
     from drivers.virtual.faults import FaultScript
+    from drivers.virtual.grabber import Footage
+    from tests.bench.film import Film
     from web_ui.app import create_app
     from web_ui.server import make_server
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     share_heaps()
     scripts = {"camera": demo_bus(1, None).cameras[0].faults, "grabber": FaultScript(), "encoder": FaultScript()}
+    footage = Film(demo_drive(1), fps, film_s) if film_s else Footage(demo_drive(1), fps)
     settings = Settings(data_dir=folder, cameras=("virtual",), pin=PIN, live_hz=live_hz)
     device = Device(
         settings,
-        crawler=lambda store: virtual_crawler(1, store, lambda: None, (scripts["grabber"], scripts["encoder"]), fps),
+        feeds=[] if film_s else None,
+        crawler=lambda store: virtual_crawler(1, store, lambda: None, (scripts["grabber"], scripts["encoder"]), footage),
     )
     server = make_server(create_app(device), "127.0.0.1", 0)
 
@@ -183,4 +189,4 @@ def _serve(folder: Path, live_hz: float, fps: float) -> None:
 
 
 if __name__ == "__main__":
-    _serve(Path(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3]))
+    _serve(Path(sys.argv[1]), *(float(word) for word in sys.argv[2:]))
