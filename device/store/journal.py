@@ -14,7 +14,7 @@ from device.store.database import Database
 
 What = Literal["on", "off", "cut", "begin", "end", "drop", "measure", "held", "released", "refused"]
 """Switched on, switched off, the power was cut; the rest as in ``device.autonomy.Action``, or refused by the survey."""
-_KEPT = 5000
+KEPT = 5000
 _LOOKED = "journal looked at"
 
 
@@ -38,7 +38,7 @@ class Journal:
     def switched_on(self) -> LastTime:
         """The box begins; how it ended the last time."""
         with self._database.write() as connection:
-            connection.execute("DELETE FROM journal WHERE id <= (SELECT max(id) FROM journal) - ?", (_KEPT,))
+            connection.execute("DELETE FROM journal WHERE id <= (SELECT max(id) FROM journal) - ?", (KEPT,))
             before = connection.execute("SELECT what FROM journal WHERE what IN ('on', 'off') ORDER BY id DESC").fetchone()
             own = connection.execute("SELECT * FROM journal WHERE what IN ('begin', 'end', 'drop') ORDER BY id DESC").fetchone()
             unsafe = before is not None and before["what"] == "on"

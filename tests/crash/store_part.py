@@ -11,6 +11,7 @@ from device.bus import Bus
 from device.clock import Clock
 from device.errors import DeviceError
 from device.store import Kept, KeptLandmark, NewRecording, Store
+from device.store.journal import KEPT
 from device.surveys.base import Job, Outcome, Survey
 from tests.crash.marks import Promises
 from tests.crash.shim import mark
@@ -188,7 +189,7 @@ def _found(store: Store, key: str) -> Any:
             row = next((row for row in store.drives.map(drive)["landmarks"] if row["id"] == number), None)
             return None if row is None else {name: row[name] for name in ("class", "chainage_m")}
         if what == "journal":
-            return True if rest in [entry["reason"] for entry in store.journal.entries()] else None
+            return True if rest in [entry["reason"] for entry in store.journal.entries(limit=KEPT)] else None
         if what == "drive":
             state = store.drives.map(int(rest))["state"]
             return state if state == "saved" else None
