@@ -93,11 +93,12 @@ def _virtual(file: Path | None, seed: int, first: int | None, upright: bool, rad
         run = run_events(mapper, chamber.events(first), lambda _: bar.update(1))
     if not run.results:
         raise Invalid("The path of the structure file is too short for a single scan.")
+    states = mapper.smooth()
     found = mapper.result()
     return {
-        **_of_run(run, found),
+        **_of_run(run, found, states),
         "truth": truth_json(chamber.structure),
-        "scores": scores(run, found, chamber),
+        "scores": scores(run, found, chamber, states),
     }
 
 
@@ -113,8 +114,8 @@ def _recorded(folder: Path, log: Path, first: int | None, upright: bool, radius:
         run = run_events(mapper, merged_events(readings, files), lambda _: bar.update(1))
     if not run.results:
         raise Invalid(f"No scan in {folder} lies within the time of {log}.")
-    found = mapper.result()
-    return _of_run(run, found)
+    states = mapper.smooth()
+    return _of_run(run, mapper.result(), states)
 
 
 def _settings(upright: bool, radius: float) -> Any:
@@ -125,10 +126,10 @@ def _settings(upright: bool, radius: float) -> Any:
     return MapperSettings(apart=for_radius(radius), slam=SlamSettings(upright=upright))
 
 
-def _of_run(run: Any, found: Any) -> dict[str, Any]:
+def _of_run(run: Any, found: Any, states: Any) -> dict[str, Any]:
     from device.structure_told import told
 
     return {
-        **told(run.mapper, found, run.track.times, run.track.states),
+        **told(run.mapper, found, run.track.times, states),
         "seconds_per_scan": round(float(np.mean(run.seconds)), 4),
     }

@@ -85,6 +85,7 @@ def save_knowledge(knowledge: Knowledge, path: Path) -> None:
         directions=knowledge.views.directions,
         confusion=knowledge.confusion,
         fused_confusion=knowledge.fused_confusion,
+        handles=knowledge.handles,
     )
 
 
@@ -93,4 +94,4 @@ def shipped_knowledge() -> Knowledge:
     """What comes with the box; ``python -m tests.bench.structure_fit --save FILE`` makes it anew."""
     with resources.files("device").joinpath("data/structure/knowledge.npz").open("rb") as file, np.load(file) as saved:
         base = Views(saved["histograms"].astype(float), saved["labels"].astype(np.intp), saved["directions"])
-        return Knowledge(base, saved["confusion"], saved["fused_confusion"])
+        return Knowledge(base, saved["confusion"], saved["fused_confusion"], saved["handles"])

@@ -29,7 +29,8 @@ def print_structure(told: dict[str, Any]) -> None:
         for stage, score in scores["recognition"].items():
             click.echo(f"  {stage:18s} accuracy {score['accuracy']:.2f}, mean F1 {score['mean_f1']:.2f}")
         click.echo(
-            f"  edges F1 {scores['edge_f1']:.2f}, position {scores['position_rms_m']:.3f} m RMS, "
+            f"  edges F1 {scores['edge_f1']:.2f}, position {scores['position_rms_m']:.3f} m RMS, smoothed "
+            f"{scores['smoothed_rms_m']:.3f} m, "
             f"dead reckoning {scores['dead_reckoning_rms_m']:.3f} m"
         )
     click.echo(f"  {told['seconds_per_scan']:.2f} s a scan")

@@ -110,13 +110,20 @@ def errors(run: Run, chamber: VirtualChamber) -> dict[str, Any]:
     return {"error": np.linalg.norm(mine, axis=1), "reckoned": np.linalg.norm(reckoned, axis=1), "nees": np.array(nees)}
 
 
+def _away(run: Run, chamber: VirtualChamber, states: Sequence[Array]) -> Array:
+    """Distances (K,) of the states at the scans from the true way."""
+    true = chamber.path.pose(np.array(run.track.times)).position
+    away: Array = np.linalg.norm(np.array(states)[:, :3] - true, axis=1)
+    return away
+
+
 def rms(values: Iterable[float]) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(list(values)))))
 
 
-def scores(run: Run, found: StructureMap, chamber: VirtualChamber) -> dict[str, Any]:
-    """All scores of one run as plain numbers."""
+def scores(run: Run, found: StructureMap, chamber: VirtualChamber, smoothed: Sequence[Array] | None = None) -> dict[str, Any]:
+    """All scores of one run as plain numbers. ``smoothed`` (9,) are the states at the scans, worked out afterwards."""
     truth = chamber.structure
     match = matching(found, truth)
     tables = confusion_tables(run, match, truth)
@@ -141,6 +148,7 @@ def scores(run: Run, found: StructureMap, chamber: VirtualChamber) -> dict[str, 
         "objects_true": len(truth.objects),
         "edge_f1": edge_f1(found, match, truth),
         "position_rms_m": rms(way["error"]),
+        "smoothed_rms_m": None if smoothed is None else rms(_away(run, chamber, smoothed)),
         "dead_reckoning_rms_m": rms(way["reckoned"]),
         "nees_mean": float(way["nees"].mean()),
     }

@@ -310,6 +310,7 @@ class StructureSurvey:
 
 def concluded(course: Course) -> dict[str, Any] | None:
     """The whole map at the end, with its verdict; None without a scan."""
+    course.smooth()
     _, found = course.found()
     if found is None:
         return None

@@ -120,6 +120,11 @@ class Course:
         found = self.mapper.result()
         return found, {**told(self.mapper, found, self.times, self.states), "scans_left_out": self.left_out}
 
+    def smooth(self) -> None:
+        """No more will come: the whole way and the map once more, from all that was seen."""
+        if self.mapper is not None and self.times:
+            self.states = self.mapper.smooth()
+
     def _begin(self, event: Event) -> None:
         if isinstance(event, Attitude) and self._angles is None:
             self._angles = np.array(event.angles)

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimators.structure.types import Array
+from estimators.structure.types import Array, Mask
 
 BIN = 0.02
+_HOLE = 0.10
+"""A stretch without surface longer than this (m) is a hole: the side of a tee is less."""
+_OFTEN = 0.25
+"""Share of the scans that showed the best part of the line which must have shown a short part beyond a hole."""
+_LONG = 0.2
+"""A stretch of this length (m) is pipe, however few scans have shown it."""
 _HALF = 400
 
 
@@ -24,14 +31,28 @@ class Coverage:
         self.scans += 1
 
     def ends(self, gap: float = 0.4) -> tuple[float, float]:
-        """Where it begins and ends: what only one scan of several showed does not count, nor what lies beyond a wide gap."""
+        """Where it begins and ends: what only one scan of several showed does not count, nor what lies beyond a wide gap.
+
+        A pipe goes on behind a valve, but then it is long there or seen as often as elsewhere: a short piece that few scans
+        have shown beyond a hole is something else that happens to lie on the line.
+        """
         least = 1 if self.scans < 3 else max(2, round(0.05 * float(np.percentile(self._counts[self._counts > 0], 90))))
         where = np.flatnonzero(self._counts >= least)
         if not len(where):
             return 0.0, 0.0
+        where = where[self._one_pipe(where)]
         breaks = np.flatnonzero(np.diff(where) * BIN > gap)
         starts = np.concatenate([[0], breaks + 1])
         stops = np.concatenate([breaks, [len(where) - 1]])
         weights = [self._counts[where[a] : where[b] + 1].sum() for a, b in zip(starts, stops, strict=True)]
         best = int(np.argmax(weights))
         return (where[starts[best]] - _HALF) * BIN, (where[stops[best]] + 1 - _HALF) * BIN
+
+    def _one_pipe(self, where: NDArray[np.intp]) -> Mask:
+        """Which of the slots ``where`` (n,) lie on stretches between holes that are long, or were seen often."""
+        label = np.concatenate([[0], np.cumsum(np.diff(where) * BIN > _HOLE)])
+        stretches = [where[label == k] for k in range(label[-1] + 1)]
+        seen = np.array([np.median(self._counts[stretch]) for stretch in stretches])
+        long = np.array([(stretch[-1] + 1 - stretch[0]) * BIN >= _LONG for stretch in stretches])
+        kept: Mask = (long | (seen >= _OFTEN * seen.max()))[label]
+        return kept

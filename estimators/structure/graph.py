@@ -11,6 +11,7 @@ from scipy.stats import norm
 from estimators.structure.coverage import Coverage
 from estimators.structure.handles import Handle, find_handle
 from estimators.structure.objects_map import ObjectRecord, belief
+from estimators.structure.recognition import ports_likelihood
 from estimators.structure.slam import Feature, StructureFilter
 from estimators.structure.types import CLASSES, PIPE_RADIUS, Array
 
@@ -197,9 +198,9 @@ def _without_doubles(lines: list[Feature], coverage: Mapping[int, Coverage]) -> 
 def _object(slam: StructureFilter, coverage: Mapping[int, Coverage], feature: Feature, record: ObjectRecord) -> MapObject:
     assert feature.point is not None
     part = slice(feature.at, feature.at + 3)
-    allowed = record.allowed()
-    beliefs = belief(record.fused, allowed)
     pipes = leaving(slam, coverage, feature.point)
+    record.ports = np.log(ports_likelihood(pipes, feature.sightings))
+    beliefs = record.together()
     label = CLASSES[int(np.argmax(beliefs))]
     axis, branch = main_directions(pipes)
     handle = None
@@ -214,7 +215,7 @@ def _object(slam: StructureFilter, coverage: Mapping[int, Coverage], feature: Fe
         slam.covariance[part, part].copy(),
         beliefs,
         belief(record.evidence),
-        belief(record.evidence, allowed),
+        record.semantic(),
         pipes,
         feature.sightings,
         _axes(axis, branch, None if handle is None else handle.stem),

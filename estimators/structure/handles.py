@@ -26,6 +26,30 @@ class Handle:
     is_open: bool | None
 
 
+NONE, LOW, HIGH = range(3)
+"""What stands above the middle of an object: nothing, the handle of a ball or three-way valve, that of a butterfly valve."""
+_PROUD, _TALL, _BESIDE, _FEW = 0.072, 0.13, 0.06, 6
+
+
+def handle_height(cloud: Array, position: Array, pipes: Array) -> int | None:
+    """How high something stands above the middle of an object whose ``cloud`` (N, 3) lies about ``position``; None where no
+    pipe tells its axis. What lies along one of the ``pipes`` (n, 3) that leave it is the pipe's, or a port across from it."""
+    if not len(pipes):
+        return None
+    cosines = pipes @ pipes.T
+    axis = pipes[np.unravel_index(int(np.argmin(cosines)), cosines.shape)[0]]
+    relative = cloud - position
+    along = relative @ axis
+    distance = np.linalg.norm(relative - along[:, None] * axis, axis=1)
+    above = np.abs(along) < _BESIDE
+    for pipe in pipes[np.abs(pipes @ axis) < 0.5]:
+        out = relative @ pipe
+        above &= np.linalg.norm(relative - out[:, None] * pipe, axis=1) > _BESIDE
+    if (above & (distance > _TALL)).sum() >= _FEW:
+        return HIGH
+    return LOW if (above & (distance > _PROUD)).sum() >= _FEW else NONE
+
+
 def find_handle(cloud: Array, position: Array, axis: Array, free: Array) -> Handle | None:
     """The handle in an object's fused ``cloud`` (N, 3) at ``position`` on a pipe along ``axis``; None where none stands out.
 

@@ -3,6 +3,7 @@ of time."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,9 +12,18 @@ from estimators.structure.apart import ApartSettings, take_apart, undistorted
 from estimators.structure.coverage import Coverage
 from estimators.structure.fusion import fused
 from estimators.structure.graph import StructureMap, final_map, leaving
+from estimators.structure.handles import handle_height
 from estimators.structure.objects_map import ObjectRecord, View, belief
-from estimators.structure.recognition import DescriptorSettings, Views, configuration, describe, nearest_class
+from estimators.structure.recognition import (
+    DescriptorSettings,
+    Views,
+    configuration,
+    describe,
+    nearest_class,
+    ports_likelihood,
+)
 from estimators.structure.slam import Matches, SlamSettings, StructureFilter
+from estimators.structure.smoothing import Between, Leg, Spot, Way, smoothed
 from estimators.structure.types import Array, Parts, Sighting
 from estimators.structure.vehicle import SensorMount, body_rates
 
@@ -21,26 +31,33 @@ from estimators.structure.vehicle import SensorMount, body_rates
 @dataclass(frozen=True)
 class Knowledge:
     """What is known of the objects beforehand: the data base of views, and P(recognised | actual) (6, 6) of a single scan's
-    descriptor and of several scans' fused one."""
+    descriptor and of several scans' fused one, and P(handle | actual) (6, 3), see ``handles``."""
 
     views: Views
     confusion: Array
     fused_confusion: Array
+    handles: Array
 
 
 @dataclass(frozen=True)
 class MapperSettings:
     """``fuse``: how many scans are fused before the descriptor; ``same_view`` (rad): from directions no further apart than
-    this; ``new_view``: what is no further from an earlier direction is hardly new."""
+    this; ``new_view``: what is no further from an earlier direction is hardly new. ``doubt_after``: readings of a sensor that
+    were refused one after the other until the filter doubts itself."""
 
     apart: ApartSettings = field(default_factory=ApartSettings)
     slam: SlamSettings = field(default_factory=SlamSettings)
     descriptor: DescriptorSettings = field(default_factory=DescriptorSettings)
     fuse: int = 6
-    same_view: float = 0.45
+    same_view: float = 0.22
     new_view: float = 0.15
     step_s: float = 0.2
     lost_after: int = 5
+    doubt_after: Mapping[str, int] = field(default_factory=lambda: {"depth": 8, "velocity": 5, "attitude": 20})
+
+
+_DOUBT = {"depth": (slice(2, 3), 0.2), "velocity": (slice(6, 9), 0.2), "attitude": (slice(3, 6), 0.05)}
+"""Of what a sensor tells: where it stands in the state, and by how much (m, m/s, rad) it is doubted."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +107,10 @@ class StructureMapper:
         self._time_s = time_s
         self._rates = np.zeros(3)
         self._strange = 0
+        self._refused_in_a_row = dict.fromkeys(_DOUBT, 0)
+        self._between = Between(self.slam.vehicle, mount, self.settings.slam)
+        self._begin = self.slam.covariance.copy()
+        self._way = Way([self.slam.vehicle.copy()], [], [], {}, {})
 
     @property
     def lost(self) -> bool:
@@ -103,23 +124,42 @@ class StructureMapper:
         while (left := time_s - self._time_s) > 0:
             dt = min(self.settings.step_s, left)
             self.slam.predict(dt, self._rates)
+            self._between.predict(dt, self._rates)
             self._time_s = time_s if dt == left else self._time_s + dt
 
     def depth(self, time_s: float, depth: float, sigma: float) -> None:
         """A pressure sensor's depth (m)."""
         self.advance(time_s)
-        self.refused += not self.slam.depth(depth, sigma)
+        fits = self.slam.depth(depth, sigma)
+        self._judge("depth", fits)
+        if fits:
+            self._between.depth(depth, sigma)
 
     def velocity(self, time_s: float, velocity: Array, sigma: float) -> None:
         """A DVL's velocity (3,) along the body's axes."""
         self.advance(time_s)
-        self.refused += not self.slam.velocity(velocity, sigma)
+        fits = self.slam.velocity(velocity, sigma)
+        self._judge("velocity", fits)
+        if fits:
+            self._between.velocity(velocity, sigma)
 
     def attitude(self, time_s: float, angles: Array, rates: Array | None, sigma: float) -> None:
         """An AHRS's roll, pitch, yaw (3,) and, where it tells them, their rates (3,)."""
         self.advance(time_s)
-        self.refused += not self.slam.attitude(angles, sigma)
+        fits = self.slam.attitude(angles, sigma)
+        self._judge("attitude", fits)
+        if fits:
+            self._between.attitude(angles, sigma)
         self._rates = np.zeros(3) if rates is None else rates
+
+    def _judge(self, what: str, fits: bool) -> None:
+        """Count what was left out. A vehicle that starts or stops at once contradicts the filter until it doubts itself."""
+        self.refused += not fits
+        self._refused_in_a_row[what] = 0 if fits else self._refused_in_a_row[what] + 1
+        if self._refused_in_a_row[what] >= self.settings.doubt_after[what]:
+            self._refused_in_a_row[what] = 0
+            rows, sigma = _DOUBT[what]
+            self.slam.doubt(rows, sigma)
 
     # ---- scans
 
@@ -132,7 +172,9 @@ class StructureMapper:
     def add_parts(self, parts: Parts) -> ScanResult:
         """A scan that has been taken apart already, as of now."""
         self.scans += 1
+        leg = self._between.leg()
         matches = self.slam.scan(parts.segments, parts.sightings)
+        self._remember(leg, parts, matches)
         consistent = matches.fitting < 3 or matches.matched >= 0.5 * matches.fitting
         self._strange = 0 if consistent else self._strange + 1
         self.inconsistent += not consistent
@@ -145,9 +187,31 @@ class StructureMapper:
                     recognised.append(one)
         return ScanResult(parts, matches, tuple(recognised), consistent)
 
+    def smooth(self) -> list[Array]:
+        """Work the whole way out once more, with all that has been seen: the states (9,) at the scans. Lines and points of the
+        map move with it; their covariances stay those of the filter, which are the larger ones."""
+        features = self.slam.features
+        self._way.lines = {n: f.line for n, f in features.items() if f.line is not None}
+        self._way.points = {n: f.point for n, f in features.items() if f.point is not None}
+        found = smoothed(self._way, self._begin, self.slam.mount)
+        for number, line in found.lines.items():
+            features[number].line = line
+        for number, point in found.points.items():
+            features[number].point = point
+        return found.states[1:]
+
     def result(self) -> StructureMap:
         """The map as it stands."""
         return final_map(self.slam, self.coverage, self.objects, self.scans, self.settings.apart.pipes.radius)
+
+    def _remember(self, leg: Leg, parts: Parts, matches: Matches) -> None:
+        """What smoothing needs of one scan; the next leg begins here."""
+        segments = zip(matches.segments, parts.segments, strict=True)
+        spots = ((n, Spot(s.position, s.covariance)) for n, s in zip(matches.sightings, parts.sightings, strict=True))
+        self._way.legs.append(leg)
+        self._way.states.append(self.slam.vehicle.copy())
+        self._way.seen.append([(n, what) for n, what in (*segments, *spots) if n >= 0])
+        self._between.restart(self.slam.vehicle)
 
     def _still(self, points: Array, late: Array | None) -> Array:
         mount, vehicle = self.slam.mount, self.slam.vehicle
@@ -170,7 +234,15 @@ class StructureMapper:
         pose = self.slam.pose()
         point = self.slam.features[number].point
         assert point is not None
-        record.configurations.add(configuration(leaving(self.slam, self.coverage, point)))
+        pipes = leaving(self.slam, self.coverage, point)
+        record.configurations.add(configuration(pipes))
+        record.ports = np.log(ports_likelihood(pipes, self.slam.features[number].sightings))
+        # the same scans from the same place say little that is new
+        direction = (pose.position - point) / np.linalg.norm(pose.position - point)
+        again = sum(bool(direction @ before > np.cos(self.settings.new_view)) for before in record.seen_from)
+        height = handle_height(sighting.cloud, sighting.position, np.vstack([sighting.pipes, pipes @ pose.rotation]))
+        if height is not None:
+            record.handles += np.log(self.knowledge.handles[:, height]) / (1 + 0.5 * again)
         histograms = describe(sighting.cloud, self.settings.descriptor)
         if histograms is None:
             return None
@@ -178,22 +250,21 @@ class StructureMapper:
         seen, _ = nearest_class(histograms, k.views)
         record.evidence += np.log(k.confusion[:, seen])
         view = View(pose.position.copy(), pose.position + sighting.cloud @ pose.rotation.T)
-        together = fused([(cloud - pose.position) @ pose.rotation for cloud in self._same_view(record, view, point)])
-        described = describe(together, self.settings.descriptor)
-        fused_seen = seen if described is None else nearest_class(described, k.views)[0]
-        # the same scans from the same place say little that is new
-        direction = (pose.position - point) / np.linalg.norm(pose.position - point)
-        again = sum(bool(direction @ before > np.cos(self.settings.new_view)) for before in record.seen_from)
-        record.fused += np.log(k.fused_confusion[:, fused_seen]) / (1 + 0.5 * again)
+        clouds = self._same_view(record, view, point)
+        fused_seen, confusion = seen, k.confusion
+        if len(clouds) > 1:
+            described = describe(fused([(c - pose.position) @ pose.rotation for c in clouds]), self.settings.descriptor)
+            if described is not None:
+                fused_seen, confusion = nearest_class(described, k.views)[0], k.fused_confusion
+        record.fused += np.log(confusion[:, fused_seen]) / (1 + 0.5 * again)
         record.views = [*record.views, view][-self.settings.fuse :]
         record.seen_from.append(direction)
-        allowed = record.allowed()
         return Recognised(
             number,
             seen,
             int(np.argmax(belief(record.evidence))),
-            int(np.argmax(belief(record.evidence, allowed))),
-            int(np.argmax(belief(record.fused, allowed))),
+            int(np.argmax(record.semantic())),
+            int(np.argmax(record.together())),
             fused_seen,
         )
 

@@ -10,6 +10,10 @@ import numpy as np
 from estimators.structure.recognition import allowed_by
 from estimators.structure.types import CLASSES, Array, Mask
 
+CORRELATED = 0.1
+"""Correlation of what two sightings of one object say. An object that stands badly is taken for the same other class again and
+again; counted as independent, a few dozen such sightings would outweigh everything else."""
+
 
 @dataclass
 class View:
@@ -27,8 +31,24 @@ class ObjectRecord:
     evidence: Array = field(default_factory=lambda: np.zeros(len(CLASSES)))
     fused: Array = field(default_factory=lambda: np.zeros(len(CLASSES)))
     configurations: set[int] = field(default_factory=set)
+    ports: Array = field(default_factory=lambda: np.zeros(len(CLASSES)))
+    """Log likelihoods of the pipes that the map shows to leave it."""
+    handles: Array = field(default_factory=lambda: np.zeros(len(CLASSES)))
+    """Sum of the log likelihoods of what stood above it."""
     views: list[View] = field(default_factory=list)
     seen_from: list[Array] = field(default_factory=list)
+
+    def semantic(self) -> Array:
+        """Beliefs (6,) from single scans, the pipes that leave it and its handle."""
+        return belief(self._tempered(self.evidence) + self.ports, self.allowed())
+
+    def together(self) -> Array:
+        """Beliefs (6,) from fused scans, the pipes that leave it and its handle."""
+        return belief(self._tempered(self.fused) + self.ports, self.allowed())
+
+    def _tempered(self, evidence: Array) -> Array:
+        """What was seen, weighed as so many sightings as are independent: n / (1 + (n - 1) rho)."""
+        return np.asarray((evidence + self.handles) / (1 + CORRELATED * max(len(self.seen_from) - 1, 0)))
 
     def allowed(self) -> Mask:
         """Classes (6,) that the dispositions of pipes leave; all where they contradict each other."""

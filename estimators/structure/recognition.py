@@ -87,6 +87,35 @@ def configuration(pipes: Array, angle: float = 0.35) -> int:
     return 2 if in_line else 3
 
 
+CONNECTED = 0.9
+"""Probability that a port carries a pipe at all: an open end is rarer than a connected one."""
+MISSED = 0.7
+"""Probability that one sighting of an object does not map a pipe that leaves it."""
+_STRAY = 0.01
+"""Probability of a disposition that a class cannot have: a pipe of the map that is none."""
+_PORTS = {"elbow": "square", "tee": "three", "3-way valve": "three"}
+
+
+def ports_likelihood(pipes: Array, sightings: int, angle: float = 0.35) -> Array:
+    """Probability (6,) that an object of each class, after so many sightings, shows just the pipes (n, 3) that leave it.
+
+    Table 2 says what cannot be; this says how likely the rest is. A valve at the end of a pipe shows one pipe, a three-way
+    valve that shows one has two ports open or unseen, which is rare after many sightings.
+    """
+    shown = CONNECTED * (1 - MISSED ** max(sightings, 1))
+    hidden = 1 - shown
+    straight = {0: hidden**2, 1: 2 * shown * hidden, 2: shown**2}
+    three = {0: hidden**3, 1: 3 * shown * hidden**2, 3: shown**3}
+    count, kind = min(len(pipes), 3), configuration(pipes, angle)
+    square, in_line = kind == 1, kind == 2
+    of = {
+        "line": straight.get(count, 0.0) if count < 2 or in_line else 0.0,
+        "square": straight.get(count, 0.0) if count < 2 or square else 0.0,
+        "three": (shown**2 * hidden * (2 if square else 1 if in_line else 0)) if count == 2 else three[count],
+    }
+    return np.array([max(of[_PORTS.get(label, "line")], _STRAY * shown**count) for label in CLASSES])
+
+
 def allowed_by(configurations: set[int]) -> Mask:
     """Classes that all the dispositions seen so far leave: two that exclude each other are three pipes, of which each showed
     two."""

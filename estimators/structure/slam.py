@@ -15,13 +15,14 @@ from estimators.structure.vehicle import SIZE, SensorMount, SensorPose, advanced
 @dataclass(frozen=True)
 class SlamSettings:
     """Process noise (1 sigma): ``acceleration`` (m/s2) and ``turning`` (rad/s) as white noise of ``rate_hz``; ``start``: of
-    the first position (m). ``near_line`` and ``near_point``: a feature that does not fit but is this near (m) to a known one
-    is not new."""
+    the first position (m), which is the map's origin by definition, so hardly any; ``start_depth``: of its depth.
+    ``near_line`` and ``near_point``: a feature that does not fit but is this near (m) to a known one is not new."""
 
     acceleration: float = 0.02
     turning: float = 0.005
     rate_hz: float = 20.0
-    start: float = 0.02
+    start: float = 0.002
+    start_depth: float = 0.02
     start_velocity: float = 0.2
     near_line: float = 0.10
     near_angle: float = 0.25
@@ -71,6 +72,7 @@ class StructureFilter:
         self.vehicle = np.concatenate([position, angles, np.zeros(3)])
         s = self.settings
         self.covariance = np.diag(np.repeat([s.start, 0.05, s.start_velocity], 3) ** 2)
+        self.covariance[2, 2] = s.start_depth**2
         self.features: dict[int, Feature] = {}
         self._next = 1
 
@@ -110,6 +112,10 @@ class StructureFilter:
         self._add(gain @ innovation)
         self.covariance = p - gain @ p[rows, :]
         return True
+
+    def doubt(self, rows: slice, sigma: float) -> None:
+        """Be less sure of a part of the vehicle's state: what contradicts it again and again may be right."""
+        self.covariance[rows, rows] += np.eye(rows.stop - rows.start) * sigma**2
 
     # ---- features
 

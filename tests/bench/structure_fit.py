@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from device.structure_database import save_knowledge, views
 from device.structure_run import VirtualChamber
+from drivers.virtual.chamber.structure import Structure
 from drivers.virtual.chamber.variations import varied
 from estimators.structure.apart import take_apart, undistorted
 from estimators.structure.fusion import fused
+from estimators.structure.handles import handle_height
 from estimators.structure.mapper import Knowledge
 from estimators.structure.recognition import Views, describe, nearest_class
 from estimators.structure.types import CLASSES
@@ -40,15 +42,21 @@ def main() -> None:
     arguments = parser.parse_args()
     base = views()
     single, together = np.full((2, len(CLASSES), len(CLASSES)), 0.5)
+    handles = np.full((len(CLASSES), 3), 1.0)
     for seed in SEEDS[: arguments.seeds]:
-        count(seed, base, single, together)
+        count(seed, base, single, together, handles)
     show("Recognised by one scan (rows: actual)", single)
     show("Recognised by four scans fused", together)
+    print_table(
+        "What stands above it (rows: actual)",
+        ["%", "nothing", "low", "high"],
+        [[label, *(f"{100 * share:.0f}" for share in _shares(handles)[k])] for k, label in enumerate(CLASSES)],
+    )
     if arguments.save is not None:
-        save_knowledge(Knowledge(base, _shares(single), _shares(together)), arguments.save)
+        save_knowledge(Knowledge(base, _shares(single), _shares(together), _doubted(_shares(handles))), arguments.save)
 
 
-def count(seed: int, base: Views, single: Array, together: Array) -> None:
+def count(seed: int, base: Views, single: Array, together: Array, handles: Array) -> None:
     """Add what the objects of one variation are recognised as, from true poses."""
     structure = varied(seed)
     chamber = VirtualChamber(structure, seed)
@@ -71,11 +79,29 @@ def count(seed: int, base: Views, single: Array, together: Array) -> None:
                 if away[true] > 0.08:
                     continue
                 actual = CLASSES.index(structure.objects[true].label)
+                height = handle_height(sighting.cloud, sighting.position, _pipes(structure, true) @ rotation)
+                if height is not None:
+                    handles[actual, height] += 1
                 _add(single, actual, sighting.cloud, base)
                 seen = clouds.setdefault(true, [])
                 seen.append(place + sighting.cloud @ rotation.T)
                 if len(seen) > 1:
                     _add(together, actual, fused([(cloud - place) @ rotation for cloud in reversed(seen)]), base)
+
+
+def _pipes(structure: Structure, number: int) -> Array:
+    """Unit vectors (n, 3) of the pipes that leave a true object, as a map knows them after a while."""
+    place = structure.objects[number].position
+    found = []
+    for edge in structure.edges:
+        if edge.object == number:
+            run = structure.runs[edge.pipe]
+            found += [
+                (end - place) / np.linalg.norm(end - place)
+                for end in (run.start, run.end)
+                if np.linalg.norm(end - place) > 0.16
+            ]
+    return np.array(found).reshape(-1, 3)
 
 
 def _add(table: Array, actual: int, cloud: Array, base: Views) -> None:
@@ -87,6 +113,11 @@ def _add(table: Array, actual: int, cloud: Array, base: Views) -> None:
 def _shares(table: Array) -> Array:
     shares: Array = table / table.sum(axis=1, keepdims=True)
     return shares
+
+
+def _doubted(shares: Array) -> Array:
+    """A tenth of what stands above an object may be a pipe that the map does not have yet."""
+    return np.asarray(0.9 * shares + 0.1 / shares.shape[1])
 
 
 def show(title: str, table: Array) -> None:

@@ -136,7 +136,7 @@ def test_silence_is_broken_by_a_heartbeat(device: FakeDevice, monkeypatch: pytes
     monkeypatch.setattr(device, "subscribe", Bus().subscribe)  # a bus on which nothing is ever published
     stream = events.Stream(device, lambda: False)  # type: ignore[arg-type]  # a fake with the facade's methods
     chunks = iter(stream)
-    assert [next(chunks) for _ in range(7)][5:] == [b": still here\n\n"] * 2
+    assert [next(chunks) for _ in range(8)][6:] == [b": still here\n\n"] * 2
     stream.close()
     assert list(chunks) == []
 
@@ -168,7 +168,7 @@ def test_an_event_tells_when_it_was_told(device: FakeDevice) -> None:
     device.subscribe = bus.subscribe  # type: ignore[method-assign]  # to publish by hand
     stream = events.Stream(device, lambda: False)  # type: ignore[arg-type]  # a fake with the facade's methods
     chunks = iter(stream)
-    for _ in range(5):
+    for _ in range(6):
         next(chunks)
     before = time.monotonic_ns()
     bus.publish("live", {"a": 1})

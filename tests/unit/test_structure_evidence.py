@@ -1,0 +1,98 @@
+"""What a map says of an object beside the descriptor: the pipes that leave it, what stands above it, how far a pipe goes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from device.surveys.in_order import InOrder
+from drivers.navigation.readings import Depth
+from drivers.navigation.scans import Scan
+from estimators.structure.coverage import Coverage
+from estimators.structure.handles import HIGH, LOW, NONE, handle_height
+from estimators.structure.objects_map import ObjectRecord
+from estimators.structure.recognition import ports_likelihood
+from estimators.structure.types import CLASSES
+
+X, Y, Z = np.eye(3)
+
+
+def likeliest(pipes: np.ndarray, sightings: int) -> set[str]:
+    likelihood = ports_likelihood(pipes, sightings)
+    return {label for label, value in zip(CLASSES, likelihood, strict=True) if value > 0.99 * likelihood.max()}
+
+
+@pytest.mark.parametrize(
+    ("pipes", "labels"),
+    [
+        ([X, -X, Y], {"tee", "3-way valve"}),
+        ([X, Y], {"elbow"}),
+        ([X, -X], {"ball valve", "socket", "butterfly valve"}),
+    ],
+)
+def test_after_many_sightings_the_pipes_tell_the_kind(pipes: list[np.ndarray], labels: set[str]) -> None:
+    assert likeliest(np.array(pipes), 30) == labels
+
+
+def test_one_pipe_is_sooner_the_end_of_a_valve_than_two_open_ports() -> None:
+    ball, three = (CLASSES.index(label) for label in ("ball valve", "3-way valve"))
+    late, early = ports_likelihood(X[None], 30), ports_likelihood(X[None], 1)
+    assert late[ball] > 5 * late[three]
+    assert early[ball] < 2 * early[three], "after one sighting the other pipes may only not have been seen"
+
+
+def test_probabilities_of_all_dispositions_sum_to_one() -> None:
+    elbow = CLASSES.index("elbow")
+    shown = [np.zeros((0, 3)), X[None], np.array([X, Y])]
+    assert sum(ports_likelihood(pipes, 4)[elbow] for pipes in shown) == pytest.approx(1.0, abs=0.02)
+
+
+def ring(along: float, radius: float, count: int = 40) -> np.ndarray:
+    turn = np.linspace(0, 2 * np.pi, count)
+    return np.column_stack([np.full(count, along), radius * np.cos(turn), radius * np.sin(turn)])
+
+
+def test_what_stands_above_an_object_is_told_from_its_pipes() -> None:
+    body = np.vstack([ring(x, 0.04) for x in np.linspace(-0.1, 0.1, 9)])
+    stem = np.column_stack([np.zeros(12), np.zeros(12), np.linspace(0.05, 0.10, 12)])
+    straight = np.array([X, -X])
+    assert handle_height(body, np.zeros(3), straight) == NONE
+    assert handle_height(np.vstack([body, stem]), np.zeros(3), straight) == LOW
+    assert handle_height(np.vstack([body, stem * [1, 1, 1.8]]), np.zeros(3), straight) == HIGH
+    branched = np.array([X, -X, Z])
+    assert handle_height(np.vstack([body, stem * [1, 1, 1.8]]), np.zeros(3), branched) == NONE, "that is the branch"
+    assert handle_height(body, np.zeros(3), np.zeros((0, 3))) is None
+
+
+def test_a_short_piece_that_few_scans_saw_beyond_a_hole_is_no_pipe() -> None:
+    pipe, beyond, longer = np.arange(0, 0.8, 0.01), np.arange(1.0, 1.1, 0.01), np.arange(1.0, 1.3, 0.01)
+    for more, seen, end in ((beyond, 3, 0.8), (beyond, 20, 1.1), (longer, 3, 1.3)):
+        coverage = Coverage()
+        for scan in range(40):
+            coverage.add(np.concatenate([pipe, more]) if scan < seen else pipe)
+        assert coverage.ends() == pytest.approx((0.0, end), abs=0.03)
+
+
+def test_sightings_of_one_object_do_not_add_up_as_if_they_were_independent() -> None:
+    record = ObjectRecord()
+    for _ in range(50):
+        record.evidence = record.evidence + np.log([0.3, 0.1, 0.2, 0.1, 0.1, 0.2])
+        record.seen_from.append(X)
+    assert 0.8 < record.semantic().max() < 0.999
+
+
+def test_scans_and_readings_come_out_in_the_order_of_their_times() -> None:
+    order = InOrder(patience_s=3.0)
+    for time_s in (1.0, 2.0, 3.0, 1.5):
+        order.add(Depth(time_s, 4.0, 0.02))
+    freed = order.until(Scan(2.5, np.zeros((1, 3))), now_s=3.0)
+    assert [event.time_s for event in freed] == [1.0, 1.5, 2.0, 2.5]
+    assert order.until(Scan(1.8, np.zeros((1, 3))), now_s=3.1) == []
+    order.add(Depth(2.2, 4.0, 0.02))
+    assert order.late == 2
+    assert order.waited(5.9) == []
+    assert [event.time_s for event in order.waited(6.1)] == [3.0]
+    slow = Scan(10.0, np.zeros((1, 3)))
+    order.add(Depth(16.0, 4.0, 0.02))
+    order.until(slow, now_s=18.0)
+    assert order.waited(20.0) == [], "a slow scanner is waited for longer from then on"
