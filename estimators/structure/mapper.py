@@ -24,7 +24,7 @@ from estimators.structure.recognition import (
 )
 from estimators.structure.slam import Matches, SlamSettings, StructureFilter
 from estimators.structure.smoothing import Between, Leg, Spot, Way, smoothed
-from estimators.structure.types import Array, Parts, Sighting
+from estimators.structure.types import Array, Parts, Segment, Sighting
 from estimators.structure.vehicle import SensorMount, body_rates
 
 
@@ -206,11 +206,11 @@ class StructureMapper:
 
     def _remember(self, leg: Leg, parts: Parts, matches: Matches) -> None:
         """What smoothing needs of one scan; the next leg begins here."""
-        segments = zip(matches.segments, parts.segments, strict=True)
-        spots = ((n, Spot(s.position, s.covariance)) for n, s in zip(matches.sightings, parts.sightings, strict=True))
+        seen: list[tuple[int, Segment | Spot]] = list(zip(matches.segments, parts.segments, strict=True))
+        seen += [(n, Spot(s.position, s.covariance)) for n, s in zip(matches.sightings, parts.sightings, strict=True)]
         self._way.legs.append(leg)
         self._way.states.append(self.slam.vehicle.copy())
-        self._way.seen.append([(n, what) for n, what in (*segments, *spots) if n >= 0])
+        self._way.seen.append([(n, what) for n, what in seen if n >= 0])
         self._between.restart(self.slam.vehicle)
 
     def _still(self, points: Array, late: Array | None) -> Array:

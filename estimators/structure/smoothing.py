@@ -6,10 +6,10 @@ over both states, so that the system stays small: nine numbers a scan, four a pi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
@@ -19,6 +19,7 @@ from estimators.structure.slam import SlamSettings, StructureFilter
 from estimators.structure.types import Array, Segment
 from estimators.structure.vehicle import SIZE, SensorMount, sensor_pose, wrapped
 
+Rows = NDArray[np.intp]
 _ROUNDS = 4
 _LOOSE = np.repeat([1.0, 0.3, 0.5], 3) ** 2
 """Variances of the state that a leg begins with: they are taken out again, and only keep the filter regular."""
@@ -90,8 +91,8 @@ def smoothed(way: Way, begin: Array, mount: SensorMount) -> Way:
         at[number], size = size, size + (4 if number in lines else 3)
     for _ in range(_ROUNDS):
         system = _System(size)
-        first = np.arange(SIZE)
-        weight = np.linalg.inv(begin)
+        first = np.arange(SIZE, dtype=np.intp)
+        weight: Array = np.asarray(np.linalg.inv(begin), dtype=np.float64)
         system.add(first, weight, -weight @ _difference(states[0], way.states[0]))
         for k, leg in enumerate(way.legs, 1):
             rows = np.concatenate([SIZE * k + first, SIZE * (k - 1) + first])
@@ -133,12 +134,11 @@ class _System:
 
     def __init__(self, size: int) -> None:
         self._pull = np.zeros(size)
-        self._parts: list[tuple[Array, Array, Array]] = []
+        self._parts: list[tuple[Rows, Rows, Array]] = []
 
-    def add(self, rows: Sequence[int] | Array, information: Array, pull: Array) -> None:
-        where = np.asarray(rows, dtype=np.intp)
+    def add(self, where: Rows, information: Array, pull: Array) -> None:
         i, j = np.meshgrid(where, where, indexing="ij")
-        self._parts.append((i.ravel(), j.ravel(), information.ravel()))
+        self._parts.append((i.ravel(), j.ravel(), np.asarray(information, dtype=np.float64).ravel()))
         self._pull[where] += pull
 
     def solved(self) -> Array:
