@@ -62,7 +62,7 @@ export class Chamber3d {
     if (points.length) {
       const range = [0, 1, 2].map((i) => [Math.min(...points.map((p) => p[i])), Math.max(...points.map((p) => p[i]))]);
       this.centre = range.map(([a, b]) => (a + b) / 2);
-      this.size = Math.max(...range.map(([a, b]) => b - a), 0.5) * 1.5;
+      this.size = Math.max(...range.map(([a, b]) => b - a), 0.5) * 1.75;
     }
     this.draw();
   }

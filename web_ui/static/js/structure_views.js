@@ -6,7 +6,7 @@ import { CLASSES, SURE, showChamber } from "./structure3d.js";
 const GRAPH = { width: 520, height: 400, margin: 34, disc: 14, least: 40 };
 const SURE_EDGE = 0.9;
 
-const percent = (share) => `${Math.round(100 * share)} %`;
+const percent = (share) => (share > 0.99 ? "> 99 %" : `${Math.round(100 * share)} %`);
 const metres = (value) => value.toFixed(2);
 
 export const naming = (thing) => `${thing.class[0].toUpperCase()}${thing.class.slice(1)} ${thing.number}`;
