@@ -71,6 +71,9 @@ def geojson(inspection: Inspection, options: Options) -> bytes:
             at(float(one["chainage_m"])),
             {
                 "kind": "deviation",
+                "what": one.get("kind"),
+                "expected": bool(one.get("expected")),
+                "confidence": one.get("confidence"),
                 "station_m": one["chainage_m"],
                 "peak_mm": one.get("peak_mm"),
                 "area_mm2": one.get("area_mm2"),

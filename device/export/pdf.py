@@ -21,9 +21,10 @@ from reportlab.platypus import Flowable, Image, KeepTogether, PageBreak, Paragra
 
 from device.export.base import Options, printable
 from device.export.chambers import node_name, pipes_of
+from device.export.deviation_drawings import score_drawing, wall_drawing
 from device.export.wording import WORDS, reason
 from device.inspections.codes import codes
-from device.inspections.model import DiameterSheet, Inspection, Observation
+from device.inspections.model import AnomalySheet, DiameterSheet, Inspection, Observation
 
 _FOOT_M, _INCH_MM = 0.3048, 25.4
 _WIDTH = A4[0] - 36 * mm
@@ -287,19 +288,50 @@ def _box_plot(sheet: DiameterSheet, options: Options) -> Drawing:
 
 
 def _anomalies(inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:
-    if not inspection.anomalies:
+    """Each scan with its picture and its unrolled wall, the score along the pipe, and every region."""
+    if not inspection.anomalies and not inspection.scans:
         return []
-    head = tuple(words[k] for k in ("station", "clock", "peak", "area"))
+    found: list[Flowable] = [_paragraph(words["anomalies"], _HEAD)]
+    for sheet in inspection.scans:
+        if sheet.verdict == "accept":
+            found.append(KeepTogether(_scan(sheet, inspection, options, words)))
+    chart = score_drawing([sheet for sheet in inspection.scans if sheet.verdict == "accept"], words, _WIDTH)
+    if chart is not None:
+        found.append(KeepTogether([_paragraph(words["score"], _SMALL), chart]))
+    head = tuple(words[k] for k in ("number", "station", "class", "clock", "peak", "area", "belief"))
     rows = [
         (
+            f"{one['survey']}.{one['number']}" if "survey" in one else "-",
             "-" if one.get("chainage_m") is None else _station(float(one["chainage_m"]), options),
+            words.get(str(one.get("kind")), "-") + (f" ({words['expected']})" if one.get("expected") else ""),
             "-" if one.get("clock") is None else f"{float(one['clock']):.1f}",
             "-" if one.get("peak_mm") is None else f"{float(one['peak_mm']):+.0f} mm",
             "-" if one.get("area_mm2") is None else f"{float(one['area_mm2']) / 100:.0f} cm2",
+            "-" if one.get("confidence") is None else f"{100 * float(one['confidence']):.0f} %",
         )
         for one in inspection.anomalies
     ]
-    return [_paragraph(words["anomalies"], _HEAD), _table([head, *rows], [35 * mm] * 4)]
+    if rows:
+        found.append(_table([head, *rows], [w * mm for w in (16, 22, 46, 18, 24, 26, 22)]))
+    return found
+
+
+def _scan(sheet: AnomalySheet, inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:
+    stands = words["unknown"] if sheet.station is None else _station(sheet.station, options)
+    scores = [
+        f"{words[word]} {'-' if value is None else f'{value:.2f} mm'}"
+        for word, value in (("inwards", sheet.score_mm), ("outwards", sheet.outward_mm))
+    ]
+    facts = f"{words['survey']} {sheet.survey}, {words['station']} {stands}: {', '.join(scores)}, {100 * sheet.coverage:.0f} %"
+    half = _WIDTH / 2 - 3 * mm
+    picture, wall = inspection.photo(sheet.picture), inspection.photo(sheet.wall)
+    regions = [one for one in inspection.anomalies if one.get("survey") == sheet.survey]
+    cells = [
+        "" if picture is None else _image(picture.jpeg, half, 0.62 * half),
+        "" if wall is None else wall_drawing(sheet, wall.jpeg, regions, half),
+    ]
+    pictures = Table([cells], colWidths=[_WIDTH / 2, _WIDTH / 2], style=[("VALIGN", (0, 0), (-1, -1), "TOP")])
+    return [_paragraph(facts), pictures, _paragraph(words["wall_key"], _SMALL)]
 
 
 def _landmarks(inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:
@@ -348,6 +380,12 @@ def _refused(inspection: Inspection, options: Options, words: dict[str, str]) ->
         f"{words['diameter']}, {words['survey']} {sheet.survey}: "
         + (" ".join(reason(code, options.language) for code in sheet.reasons) or words["by_operator"])
         for sheet in inspection.diameters
+        if sheet.verdict != "accept"
+    ]
+    refused += [
+        f"{words['anomalies']}, {words['survey']} {sheet.survey}: "
+        + (" ".join(reason(code, options.language) for code in sheet.reasons) or words["by_operator"])
+        for sheet in inspection.scans
         if sheet.verdict != "accept"
     ]
     return [_paragraph(words["refused"], _HEAD), *(_paragraph(line) for line in refused or [words["nothing_refused"]])]

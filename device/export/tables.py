@@ -57,10 +57,27 @@ _DIAMETER = (
     "camera",
     "water_mm",
 )
+_DEVIATION = (
+    "survey",
+    "number",
+    "kind",
+    "chainage_m",
+    "clock",
+    "width_hours",
+    "peak_mm",
+    "area_mm2",
+    "volume_cm3",
+    "from_m",
+    "to_m",
+    "expected",
+    "confidence",
+    "seen_in",
+)
+_BAND = ("survey", "from_m", "to_m", "score_mm", "outward_mm", "measured")
 
 
 def csv_tables(inspection: Inspection, options: Options) -> dict[str, bytes]:
-    """Observations, landmarks and diameters, a file each."""
+    """Observations, landmarks, diameters and deviations with their scores, a file each."""
     observations = []
     for one in inspection.observations:
         code = codes().get(one.code)
@@ -94,6 +111,17 @@ def csv_tables(inspection: Inspection, options: Options) -> dict[str, bytes]:
         "observations.csv": table(_OBSERVATION, observations),
         "landmarks.csv": table(_LANDMARK, landmarks),
         "diameters.csv": table(_DIAMETER, diameters),
+        "deviations.csv": table(
+            _DEVIATION, [{name: _cell(one.get(name)) for name in _DEVIATION} for one in inspection.anomalies]
+        ),
+        "deviation_scores.csv": table(
+            _BAND,
+            [
+                {name: _cell(value) for name, value in {"survey": sheet.survey, **band}.items()}
+                for sheet in inspection.scans
+                for band in sheet.bands
+            ],
+        ),
     }
 
 

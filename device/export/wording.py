@@ -55,7 +55,18 @@ WORDS: dict[str, dict[str, str]] = {
         "circle": "fitted circle",
         "water": "water",
         "anomalies": "Deviations of the wall",
-        "peak": "Peak",
+        "peak": "Peak (- inwards)",
+        "inwards": "inwards",
+        "outwards": "outwards",
+        "score": "Mean deviation in each band along the pipe",
+        "wall_key": "The wall unrolled, cut open at the invert, by clock and station. Red comes inwards, blue falls outwards, "
+        "full colour at 10 mm; dark grey was not measured, pale grey is hidden.",
+        "deposit": "deposit",
+        "intrusion": "intrusion",
+        "object": "object before the wall",
+        "loss": "loss of wall",
+        "joint": "joint",
+        "expected": "expected",
         "area": "Area",
         "landmarks": "Landmarks",
         "chamber": "Chamber",
@@ -127,7 +138,18 @@ WORDS: dict[str, dict[str, str]] = {
         "circle": "angepasster Kreis",
         "water": "Wasser",
         "anomalies": "Abweichungen der Wand",
-        "peak": "Spitze",
+        "peak": "Spitze (- einwärts)",
+        "inwards": "einwärts",
+        "outwards": "auswärts",
+        "score": "Mittlere Abweichung in jedem Abschnitt des Rohrs",
+        "wall_key": "Die abgewickelte Wand, an der Sohle aufgeschnitten, nach Uhrzeit und Station. Rot kommt einwärts, Blau "
+        "weicht auswärts, volle Farbe bei 10 mm; dunkelgrau wurde nicht gemessen, hellgrau ist verdeckt.",
+        "deposit": "Ablagerung",
+        "intrusion": "Einragung",
+        "object": "Gegenstand vor der Wand",
+        "loss": "Wandverlust",
+        "joint": "Rohrverbindung",
+        "expected": "zu erwarten",
         "area": "Fläche",
         "landmarks": "Objekte",
         "chamber": "Schacht",
@@ -163,12 +185,25 @@ REASONS_DE = {
     "water": "Wasser oder Ablagerung verdeckt den unteren Teil des Rohrs.",
     "camera_lost": "Die Kamera hat keine Bilder mehr geliefert.",
     "second_position": "Ein so weites Rohr braucht eine zweite Messung.",
+    "pair_dark": "Die Stereobilder sind zu dunkel.",
+    "pair_bright": "Die Stereobilder sind überbelichtet.",
+    "pair_blurred": "Die Stereobilder sind unscharf.",
+    "pair_near": "Die Wand ist zu nah, als dass beide Kameras sie sähen.",
+    "pair_aside": "Die Kamera steht weit neben der Rohrmitte.",
+    "pair_too_smooth": "Die Wand ist zu glatt: sie zeigt zu wenig Textur, um gemessen zu werden.",
+    "pair_no_match": "Die beiden Bilder haben zu wenig gemeinsam.",
+    "pair_no_wall": "Es ist keine Rohrwand zu sehen.",
+    "pair_too_short": "Es ist ein zu kurzes Stück Wand zu sehen.",
+    "pair_one_sided": "Es ist zu wenig vom Umfang des Rohrs zu sehen.",
+    "pair_not_smooth": "Zu viel liegt neben jedem glatten Profil.",
+    "pair_moved": "Die Kamera hat sich während der Aufnahme bewegt.",
+    "pair_lost": "Die Stereokamera liefert keine Bilder.",
 }
-"""Why a diameter was refused, in German; in English ``device.prompts`` has the sentences."""
+"""Why a measurement was refused, in German; in English ``device.prompts`` has the sentences."""
 
 
 def reason(code: str, language: str) -> str:
-    """Why a diameter was refused, as a sentence; the code itself where there is none."""
+    """Why a measurement was refused, as a sentence; the code itself where there is none."""
     if language == "de" and code in REASONS_DE:
         return REASONS_DE[code]
     return PROMPTS[code].reason if code in PROMPTS else code

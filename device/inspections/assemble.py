@@ -12,7 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 from device.config import sentence
 from device.errors import Invalid
 from device.inspections.coding import numbered, observations
-from device.inspections.model import Cloud, DiameterSheet, Inspection, NodeRecord, Observation, Photo, PipeRecord
+from device.inspections.deviations import Region, deviations
+from device.inspections.model import AnomalySheet, Cloud, DiameterSheet, Inspection, NodeRecord, Observation, Photo, PipeRecord
 from device.store import Store
 
 _OBSERVATIONS = TypeAdapter(list[Observation])
@@ -27,6 +28,8 @@ def assemble(store: Store, number: int) -> Inspection:
     photos = [Photo(name, jpeg) for name, jpeg in store.inspections.photos(number).items()]
     clouds: list[Cloud] = []
     structures: list[Mapping[str, Any]] = []
+    scans: list[AnomalySheet] = []
+    regions: list[Region] = []
     for survey in kept["surveys"]:
         survey_id = survey["survey_id"]
         if survey["kind"] == "landmarks":
@@ -40,6 +43,12 @@ def assemble(store: Store, number: int) -> Inspection:
             cloud = store.surveys.cloud(survey_id)
             if cloud is not None:
                 clouds.append(_cloud(survey_id, cloud, survey["station_m"]))
+        elif survey["kind"] == "anomaly":
+            scanned = deviations(store, survey_id, survey["station_m"], _file_name(pipe.name))
+            if scanned is not None:
+                scans.append(scanned[0])
+                regions += scanned[1]
+                photos += scanned[2]
         elif survey["kind"] == "structure":
             structures.append(store.structures.map(survey_id))
     inspection = Inspection(
@@ -57,6 +66,8 @@ def assemble(store: Store, number: int) -> Inspection:
         diameters=tuple(diameters),
         clouds=tuple(clouds),
         landmarks=tuple(landmarks),
+        anomalies=tuple(regions),
+        scans=tuple(scans),
         structures=tuple(structures),
     )
     edited = store.inspections.observations(number)

@@ -12,13 +12,24 @@ from dataclasses import replace
 from typing import Any
 
 from device.inspections.codes import of_class
-from device.inspections.model import DiameterSheet, Inspection, Observation
+from device.inspections.model import AnomalySheet, DiameterSheet, Inspection, Observation
 
 LONG_M = 0.5
 """From this extent along the pipe on, an observation is a continuous defect with a beginning and an end."""
 _OVAL_FROM = 0.05
 """Ovality from which a pipe is called deformed: below, new pipes of plastic vary as much."""
 _REFUSED = ("rejected",)
+LEAST_SURE = 0.5
+"""Regions less sure than this are listed and not coded."""
+DISPLACED_MM = 10.0
+"""A joint displaced by less is not coded: pipes are laid so."""
+_DEVIATIONS = {
+    "deposit": ("BBC", "Z", ""),
+    "intrusion": ("BBB", "Z", ""),
+    "object": ("BBE", "Z", ""),
+    "loss": ("BAF", "Z", "Z"),
+}
+"""Code and characterisations of a region: on the invert, elsewhere on the wall, free of it, missing wall."""
 
 
 def observations(inspection: Inspection) -> tuple[Observation, ...]:
@@ -28,6 +39,7 @@ def observations(inspection: Inspection) -> tuple[Observation, ...]:
         *_landmarks(inspection.landmarks),
         *_deformations(inspection.diameters),
         *_regions(inspection.anomalies),
+        *_displaced(inspection.scans),
     ]
     inside = [one for one in found if 0 <= one.station <= length + 1e-9]
     start = Observation(0.0, "BCD", remark=inspection.start.name)
@@ -110,25 +122,60 @@ def _deformations(sheets: Sequence[DiameterSheet]) -> list[Observation]:
 
 
 def _regions(regions: Iterable[Mapping[str, Any]]) -> list[Observation]:
-    """Regions of the wall that deviate: inwards an attached deposit, outwards a loss of wall."""
+    """Regions of the wall that deviate and are sure enough; what is expected at a joint is none. How much of the height a
+    deposit takes is told where the height is known."""
     found = []
     for one in regions:
-        peak = one.get("peak_mm")
-        if peak is None or one.get("chainage_m") is None:
+        peak, confidence = one.get("peak_mm"), one.get("confidence")
+        if peak is None or one.get("chainage_m") is None or one.get("expected"):
             continue
-        inward = float(peak) > 0
+        if confidence is not None and confidence < LEAST_SURE:
+            continue
+        kind = str(one.get("kind") or ("intrusion" if peak < 0 else "loss"))
+        coded = _DEVIATIONS.get(kind, _DEVIATIONS["intrusion" if peak < 0 else "loss"])
+        height = one.get("height_mm")
+        first, last = _around(one)
         found.append(
             Observation(
                 round(float(one["chainage_m"]), 2),
-                "BBB" if inward else "BAF",
-                ch1="Z",
-                ch2="" if inward else "Z",
-                clock_from=hour(one.get("clock")),
+                coded[0],
+                ch1=coded[1],
+                ch2=coded[2],
+                q1=round(100 * abs(peak) / height) if kind == "deposit" and height else None,
+                clock_from=first,
+                clock_to=None if last == first else last,
                 remark=f"{abs(float(peak)):.0f} mm over {float(one.get('area_mm2') or 0) / 100:.0f} cm2",
-                source=str(one.get("source", "")),
+                photo=str(one.get("photo") or ""),
+                source=f"survey {one['survey']} region {one['number']}" if "survey" in one else str(one.get("source", "")),
             )
         )
     return found
+
+
+def _displaced(scans: Iterable[AnomalySheet]) -> list[Observation]:
+    """Joints whose second pipe is displaced by enough to be coded."""
+    return [
+        Observation(
+            round(float(joint["chainage_m"]), 2),
+            "BAJ",
+            ch1="B",
+            q1=round(float(joint["offset_mm"])),
+            clock_from=hour(joint.get("offset_clock")),
+            at_joint=True,
+            source=f"survey {sheet.survey}",
+        )
+        for sheet in scans
+        for joint in sheet.joints
+        if sheet.verdict == "accept" and joint["chainage_m"] is not None and (joint.get("offset_mm") or 0.0) >= DISPLACED_MM
+    ]
+
+
+def _around(region: Mapping[str, Any]) -> tuple[int | None, int | None]:
+    """Hours from which to which a region lies, clockwise."""
+    clock, width = region.get("clock"), float(region.get("width_hours") or 0.0)
+    if clock is None:
+        return None, None
+    return hour((clock - width / 2) % 12), hour((clock + width / 2) % 12)
 
 
 def _said(one: Mapping[str, Any], key: str) -> Any:

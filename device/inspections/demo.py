@@ -9,6 +9,9 @@ from device.inspections.demo_chamber import map_chamber
 from device.json_text import plain
 from device.pictures import encode_jpeg, frame_jpeg
 from device.store import Kept, KeptLandmark, NewRecording, Store
+from device.surveys.anomaly import reference_jpeg
+from device.surveys.anomaly_scan import concluded
+from device.surveys.anomaly_work import Inspected, work
 from device.surveys.diameter_result import PipeContext, diameter_result
 from device.surveys.landmark_json import landmark_json
 from drivers.depth.base import DepthFrame
@@ -19,9 +22,12 @@ from drivers.virtual.drive import Drive, Go
 from drivers.virtual.furnish import furnished_sewer
 from drivers.virtual.noise import StereoNoise, Window
 from drivers.virtual.rig import HandMotion, Pose
+from drivers.virtual.stereo_camera import StereoLens, StereoLook, StereoPainter, VirtualStereoCamera
 from estimators.frame import estimate_frame
 from estimators.landmarks.from_detections import Rig, Rows, map_detections
 from estimators.landmarks.types import Landmark
+from estimators.pinhole import Intrinsics
+from estimators.stereo.rig import StereoRig
 
 LENGTH_M, DIAMETER_M, DN = 25.0, 0.3, 300
 END_M = 23.4
@@ -29,6 +35,8 @@ END_M = 23.4
 FPS = 8.0
 FRAMES = 20
 STATION_M = 0.4
+_BEFORE_M = 0.45
+"""From where a deposit is scanned."""
 _THUMBNAIL = 320
 _AHEAD_M = 0.5
 """From where a landmark is photographed."""
@@ -52,6 +60,7 @@ def demo_inspection(store: Store, seed: int) -> int:
     )
     store.inspections.add_survey(number, _measure(store, pipe_id, drive, seed), STATION_M)
     store.inspections.add_survey(number, _map(store, pipe_id, drive, seed))
+    store.inspections.add_survey(number, _scan(store, pipe_id, drive, seed))
     store.inspections.add_survey(number, map_chamber(store, store.places.pipe(pipe_id)["start_node"], seed))
     return number
 
@@ -140,6 +149,33 @@ def _map(store: Store, pipe_id: int, drive: Drive, seed: int) -> int:
         "smoothed": True,
     }
     store.drives.keep(survey, Kept(landmarks=kept, summary=summary), state="saved")
+    return survey
+
+
+def _scan(store: Store, pipe_id: int, drive: Drive, seed: int) -> int:
+    """A stereo pair before the first deposit, or at the pipe's beginning where there is none."""
+    deposits = [one.chainage for one in drive.truth.landmarks if one.label == "deposit" and one.chainage > 1.5]
+    chainage = round(min(deposits, default=_BEFORE_M + STATION_M) - _BEFORE_M, 2)
+    painter = StereoPainter(drive.sewer, StereoLens(Intrinsics(640, 400, 373.0, 373.0, 319.5, 199.5)), StereoLook(), seed)
+    left, right = painter.pair(Pose(0.005, -0.01, chainage, 0.01, -0.01), np.random.default_rng([seed, 91]))
+    inspected = work(True, left, right, StereoRig(painter.lens.intrinsics, painter.lens.baseline_m))
+    assert isinstance(inspected, Inspected)
+    camera = VirtualStereoCamera.name
+    result, chosen = concluded([inspected.result], camera, chainage)
+    survey = store.surveys.begin("anomaly", pipe_id)
+    views = inspected.views if chosen is not None else None
+    recording = NewRecording(
+        camera,
+        None,
+        1,
+        result,
+        None if views is None else plain(views.cloud),
+        {"seed": seed},
+        picture_color=reference_jpeg(left) if views is None else views.reference,
+        overlay=None if views is None else views.overlay,
+        map=None if views is None else views.map,
+    )
+    store.surveys.conclude(survey, "saved", [recording], result)
     return survey
 
 

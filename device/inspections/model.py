@@ -94,6 +94,30 @@ class DiameterSheet:
 
 
 @dataclass(frozen=True)
+class AnomalySheet:
+    """One scan of the anomaly survey from ``station`` on (m, None where nobody said): mean deviations inwards and outwards,
+    share of the wall in view that was measured, ``near`` and ``far`` (m ahead) between which it was, regions that one pair saw
+    alone, the pipe's height (None where it cannot be believed). ``joints`` and ``bands`` as JSON with their stations;
+    ``picture`` and ``wall`` are names of photos."""
+
+    survey: int
+    verdict: str
+    reasons: tuple[str, ...]
+    station: float | None
+    score_mm: float | None
+    outward_mm: float | None
+    coverage: float
+    near: float | None = None
+    far: float | None = None
+    unconfirmed: int = 0
+    height_mm: float | None = None
+    joints: tuple[Mapping[str, Any], ...] = ()
+    bands: tuple[Mapping[str, Any], ...] = ()
+    picture: str = ""
+    wall: str = ""
+
+
+@dataclass(frozen=True)
 class Cloud:
     """Points (x, y, z) of one depth recording in its camera's frame, which of them lie on the wall, the fitted cylinder's
     ``axis`` and a ``point`` of it (None where nothing was fitted), and where along the pipe the camera stood."""
@@ -109,7 +133,8 @@ class Cloud:
 @dataclass(frozen=True)
 class Inspection:
     """One inspection of one pipe. ``crs`` is the EPSG number of the nodes' coordinates; ``date`` is ISO 8601, None where the
-    box did not know it; ``landmarks``, ``anomalies`` and ``structures`` are what the surveys state, as JSON."""
+    box did not know it; ``landmarks``, ``anomalies`` (regions of the scans in ``scans``) and ``structures`` are what the
+    surveys state, as JSON."""
 
     number: int
     site: str
@@ -127,6 +152,7 @@ class Inspection:
     clouds: tuple[Cloud, ...] = ()
     landmarks: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()
+    scans: tuple[AnomalySheet, ...] = ()
     structures: tuple[Mapping[str, Any], ...] = ()
     device: Mapping[str, Any] = field(default_factory=dict)
 

@@ -63,7 +63,7 @@ def whole() -> Inspection:
             landmark(2, "deposit", 9.0, to=11.0, clock=5.1, clock_to=7.0),
             landmark(3, "roots", 12.0, clock=12.0, decision="rejected"),
         ),
-        anomalies=({"chainage_m": 15.0, "peak_mm": 22.0, "area_mm2": 1500.0, "clock": 6.2},),
+        anomalies=({"chainage_m": 15.0, "peak_mm": -22.0, "area_mm2": 1500.0, "clock": 6.2},),
         structures=(chamber(),),
         device={"program": "test"},
     )
