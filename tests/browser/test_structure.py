@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser.conftest import Watched
 from tests.browser.fake_device import FakeDevice
+from tests.browser.test_accessibility import CONTRAST_OF, NAMED, NAMELESS, SMALL_TARGETS
 
 
 def test_a_chamber_grows_on_the_page_and_leads_to_its_map(screen: Watched, device: FakeDevice) -> None:
@@ -59,3 +62,15 @@ def test_cancel_asks_first_and_forgets(screen: Watched, device: FakeDevice) -> N
     expect(page.locator("#start")).to_be_visible()
     expect(page.locator("#toast")).to_have_text("The survey was cancelled.")
     assert device.structure.maps == {}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_can_be_read_and_reached_at_360_px(watch: Callable[..., Watched], device: FakeDevice, scheme: str) -> None:
+    page = watch(360, 740, color_scheme=scheme).open("/structure")
+    page.click("#start")
+    expect(page.locator("#pipes")).to_have_text("12")
+    expect(page.locator("#chamber-rows tr")).to_have_count(20)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    assert page.evaluate(CONTRAST_OF) == []
+    assert page.evaluate(SMALL_TARGETS) == []
+    assert page.evaluate(NAMELESS, NAMED) == []
