@@ -131,6 +131,10 @@ def _survey(recording: Recording, options: Options) -> Replay:
         from device.replay_drive import DriveReplay
 
         return DriveReplay(recording.head, options.model, options.recorded_detections)
+    if kind == "anomaly":
+        from device.replay_anomaly import AnomalyReplay
+
+        return AnomalyReplay(recording.head)
     if kind == "structure":
         from device.replay_structure import StructureReplay
 

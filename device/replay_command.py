@@ -63,4 +63,7 @@ def _what(outcome: Outcome) -> str:
         conclusion = found["conclusion"]
         shown = "no diameter" if conclusion["diameter_mm"] is None else f"{conclusion['diameter_mm']} mm"
         return f"{shown}, {conclusion['verdict']}"
+    if outcome.kind == "anomaly":
+        result = found["result"]
+        return f"{len(result['regions'])} deviations" if result["fitted"] else f"refused: {result['reasons'][0]}"
     return f"{len(found['landmarks'])} landmarks, {len(found['rings'])} joints"

@@ -15,6 +15,7 @@ from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
 from device.feed import StereoFeed
+from device.replay import replay
 from device.stereo_calibration import RigSource
 from device.stereo_rig import StereoEye
 from device.surveys.anomaly_views import unpacked
@@ -113,6 +114,8 @@ def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], t
     assert device.surveys()[0]["score_mm"] == found["score_mm"]
     assert len(device.cloud(number)["deviation_mm"]) == len(device.cloud(number)["points"]) > 500
     wait_for(lambda: device.recordings(number)["state"] == "kept")
+    outcome = replay(device.recording_file(number, 1, 1))
+    assert (outcome.equal, outcome.exact, outcome.frames) == (True, True, 2)
 
 
 def test_a_dark_lamp_is_refused_with_a_remedy_and_a_pulled_cable_told(box: Callable[..., Device]) -> None:
