@@ -68,6 +68,7 @@ def result_of(findings: PairFindings) -> Result:
         "message": _UNSURE if unsure else "",
         "score_mm": _mm(findings.inward, 3),
         "outward_mm": _mm(findings.outward, 3),
+        "sure_inward_mm": _mm(findings.sure[0], 3),
         "width_mm": width,
         "width_interval_mm": width_interval,
         "height_mm": height,

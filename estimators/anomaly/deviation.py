@@ -18,6 +18,10 @@ from estimators.stereo.follow import FollowedWall
 Floats = NDArray[np.float32]
 
 ANGLES, ROWS = 540, 240
+_CLOSING_M, _CLOSING_SHARE, _CLOSING_ROWS = 0.001, 0.01, (14, 36)
+"""What stands in by so much (m, and share of the radius) and reaches to so many rows before the far end, but not to more than
+the second number of them, may belong to what closes it."""
+_SMOOTHING = (5, 3)
 _REACH = 0.75
 """Points farther off the wall than this share of its radius are no part of it."""
 
@@ -117,6 +121,8 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
         np.where(inside, filled_sigma, np.nan).astype(np.float32),
     )
     hidden = inside & trusted & ~np.isfinite(deviation)
+    closing = what_closes(deviation, inside, _CLOSING_M + _CLOSING_SHARE * float(np.median(wall.coefficients[0])))
+    deviation[closing], sigma[closing] = np.nan, np.nan
     radius = wall.radius(theta, np.broadcast_to(depth[:, None], (ROWS, ANGLES)))
     area = np.maximum(radius, 0.0) * (2 * np.pi / ANGLES) * step
     return DeviationMap(
@@ -133,6 +139,22 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
     )
 
 
+def smoothed(found: DeviationMap) -> tuple[Floats, Floats]:
+    """Deviation and sigma as weighted means over a few cells, around the pipe without a seam."""
+    reach = _SMOOTHING[0]
+    known = found.measured
+    weight = np.where(known, 1.0 / np.maximum(np.nan_to_num(found.sigma, nan=1.0), 1e-5) ** 2, 0.0).astype(np.float32)
+    padded = [
+        np.concatenate([values[:, -reach:], values, values[:, :reach]], axis=1)
+        for values in (weight, weight * np.nan_to_num(found.deviation), known.astype(np.float32))
+    ]
+    total, value, count = (cv2.blur(values, _SMOOTHING, borderType=cv2.BORDER_REPLICATE)[:, reach:-reach] for values in padded)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.where(known & (total > 0), value / total, np.nan).astype(np.float32)
+        spread = np.where(known & (total > 0), np.sqrt(count / total), np.nan).astype(np.float32)
+    return mean, spread
+
+
 def _resampled(followed: FollowedWall, depth: NDArray[np.float64], theta: NDArray[np.float64]) -> tuple[NDArray[np.bool_], ...]:
     """What of the map lies in the picture between the wall's ends, and where its rays were trusted."""
     grid = followed.grid
@@ -140,6 +162,18 @@ def _resampled(followed: FollowedWall, depth: NDArray[np.float64], theta: NDArra
     column = np.clip(((np.arange(len(theta)) + 0.5) * len(grid.theta) / len(theta)).astype(int), 0, len(grid.theta) - 1)
     pick = np.ix_(row, column)
     return (followed.ends.inside & grid.seen)[pick], followed.match.trusted[pick]
+
+
+def what_closes(deviation: Floats, inside: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+    """Cells that stand in and reach to the far end of the wall: whatever closes the pipe there (a manhole, a cloth, a bend)
+    looks like a deposit by its rim, and cannot be told from one. It is no measurement of the wall."""
+    last = inside.shape[0] - 1 - np.argmax(inside[::-1], axis=0)
+    before_end = last - np.arange(inside.shape[0])[:, None]
+    standing = (np.nan_to_num(deviation) < -least).astype(np.uint8)
+    labels = cv2.connectedComponents(standing, connectivity=8)[1]
+    reaching = np.unique(labels[(before_end < _CLOSING_ROWS[0]) & (standing > 0)])
+    longer = np.unique(labels[(before_end > _CLOSING_ROWS[1]) & (standing > 0)])
+    return np.asarray(np.isin(labels, np.setdiff1d(reaching, longer)) & (standing > 0), dtype=np.bool_)
 
 
 def _small_gaps(deviation: Floats, sigma: Floats) -> tuple[Floats, Floats]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimators.anomaly.deviation import DeviationMap, PointDeviations, deviation_map, point_deviations
 from estimators.anomaly.joints import Joint, find_joints, ring_cells
 from estimators.anomaly.regions import Region, anomalous_share, find_regions
-from estimators.anomaly.score import BandScore, band_scores, score
+from estimators.anomaly.score import BandScore, band_scores, plain_score, score, sure_score
 from estimators.radial_profile.shape import Shape, shape_of
 from estimators.stereo.follow import FollowedWall, follow_wall
 from estimators.stereo.rig import StereoRig
@@ -24,7 +24,7 @@ _SEEN = 0.1
 class PairFindings:
     """What one pair tells. ``inward`` and ``outward`` (m) are eq. 18 of the RADIUS paper and its twin; ``offset_px`` the
     disparity offset that the depths are by, ``offset_std_px`` how well it is known, ``own_offset`` whether this pair had to
-    find it."""
+    find it. ``plain`` and ``sure`` (m): both scores with the noise in them, and without."""
 
     followed: FollowedWall
     points: PointDeviations
@@ -39,6 +39,8 @@ class PairFindings:
     offset_px: float
     offset_std_px: float
     own_offset: bool
+    plain: tuple[float, float] = (float("nan"), float("nan"))
+    sure: tuple[float, float] = (float("nan"), float("nan"))
 
 
 def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig, rng: np.random.Generator) -> PairFindings:
@@ -67,4 +69,6 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
         float(used.offset_px or 0.0),
         used.offset_std_px,
         own,
+        plain_score(found, rings),
+        sure_score(found, rings),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from estimators.anomaly.deviation import DeviationMap, Floats
+from estimators.anomaly.deviation import DeviationMap, Floats, smoothed
 from estimators.anomaly.joints import Joint
 
 _LEAST_M, _LEAST_SHARE = 0.004, 0.012
@@ -21,7 +21,6 @@ _GROWN = 0.5
 """A region grows down to this share of what begins one."""
 _LEAST_AREA_M2 = 1e-4
 _LEAST_CELLS = 6
-_SMOOTHING = (5, 3)
 _LEAST_GAIN = 0.05
 """A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was
 misread."""
@@ -61,7 +60,7 @@ class Region:
 
 def find_regions(found: DeviationMap, joints: list[Joint]) -> list[Region]:
     """Regions from the largest volume to the smallest."""
-    smooth, sigma = _smoothed(found)
+    smooth, sigma = smoothed(found)
     threshold = _threshold(found, smooth, sigma)
     regions = []
     for sign in (-1.0, 1.0):
@@ -88,22 +87,6 @@ def anomalous_share(found: DeviationMap, regions: list[Region]) -> float:
     area = found.area.ravel()
     total = float(area[found.measured.ravel()].sum())
     return float(sum(area[region.cells].sum() for region in regions if not region.expected)) / max(total, 1e-12)
-
-
-def _smoothed(found: DeviationMap) -> tuple[Floats, Floats]:
-    """Deviation and sigma as weighted means over a few cells, around the pipe without a seam."""
-    reach = _SMOOTHING[0]
-    known = found.measured
-    weight = np.where(known, 1.0 / np.maximum(np.nan_to_num(found.sigma, nan=1.0), 1e-5) ** 2, 0.0).astype(np.float32)
-    padded = [
-        np.concatenate([values[:, -reach:], values, values[:, :reach]], axis=1)
-        for values in (weight, weight * np.nan_to_num(found.deviation), known.astype(np.float32))
-    ]
-    total, value, count = (cv2.blur(values, _SMOOTHING, borderType=cv2.BORDER_REPLICATE)[:, reach:-reach] for values in padded)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.where(known & (total > 0), value / total, np.nan).astype(np.float32)
-        spread = np.where(known & (total > 0), np.sqrt(count / total), np.nan).astype(np.float32)
-    return mean, spread
 
 
 def _threshold(found: DeviationMap, smooth: Floats, sigma: Floats) -> Floats:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.anomaly.deviation import DeviationMap
+from estimators.anomaly.deviation import DeviationMap, smoothed
+from estimators.radial_profile.fit import UNEVEN
+
+_SURE, _LOST = 3.0, 1.0
+"""Deviations of noise and unevenness together that nothing sound reaches, and in which what deviates is lost."""
 
 
 @dataclass(frozen=True)
 class BandScore:
-    """Mean inward and outward deviation (m) of the wall between two depths (m); nan where less than a tenth was measured."""
+    """Both scores (m) of the wall between two depths (m); nan where less than a tenth was measured."""
 
     first: float
     last: float
@@ -25,19 +30,33 @@ def score(found: DeviationMap, left_out: NDArray[np.bool_] | None = None) -> tup
     """(inward, outward): mean of |min(r - r', 0)| and of max(r - r', 0) over the measured wall, in metres.
 
     The paper averages over points; here every patch of wall counts by its area, so that the score does not depend on how near
-    the camera stood. ``left_out`` (Z, A): cells that are no anomaly, such as joints.
+    the camera stood. The inward score is the paper's otherwise, roughness and noise included; wall that is lost is so much less
+    (a hole hides most of itself) that noise would be all of its twin: that one is of what noise cannot explain.
+    ``left_out`` (Z, A): cells that are no anomaly, such as joints.
     """
-    return _means(found, slice(None), left_out)[:2]
+    return plain_score(found, left_out)[0], sure_score(found, left_out)[1]
+
+
+def plain_score(found: DeviationMap, left_out: NDArray[np.bool_] | None = None) -> tuple[float, float]:
+    """Both means of all deviations, noise included."""
+    return _means(found, found.deviation.astype(np.float64), slice(None), left_out)[:2]
+
+
+def sure_score(found: DeviationMap, left_out: NDArray[np.bool_] | None = None) -> tuple[float, float]:
+    """Both means of the deviations that neither noise nor the unevenness of sound walls may explain."""
+    return _means(found, beyond_noise(found), slice(None), left_out)[:2]
 
 
 def band_scores(found: DeviationMap, length: float, left_out: NDArray[np.bool_] | None = None) -> list[BandScore]:
     """The score of successive bands, each ``length`` (m) of the pipe, from near to far."""
     step = float(found.depth[1] - found.depth[0])
+    plain, sure = found.deviation.astype(np.float64), beyond_noise(found)
     rows = max(1, round(length / step))
     bands = []
     for start in range(0, len(found.depth), rows):
         part = slice(start, min(start + rows, len(found.depth)))
-        inward, outward, measured = _means(found, part, left_out)
+        inward, _, measured = _means(found, plain, part, left_out)
+        outward = _means(found, sure, part, left_out)[1]
         edge = found.depth[part]
         enough = measured >= 0.1
         nan = float("nan")
@@ -53,7 +72,22 @@ def band_scores(found: DeviationMap, length: float, left_out: NDArray[np.bool_] 
     return bands
 
 
-def _means(found: DeviationMap, rows: slice, left_out: NDArray[np.bool_] | None) -> tuple[float, float, float]:
+def beyond_noise(found: DeviationMap) -> NDArray[np.float64]:
+    """Deviations (Z, A) in metres, 0 where the noise of the match, or the unevenness of sound walls, may explain them: what is
+    connected to a place that they cannot explain is counted down to where it is lost in them."""
+    smooth, sigma = smoothed(found)
+    times = np.nan_to_num(smooth) / np.hypot(np.nan_to_num(sigma, nan=1e3), UNEVEN * found.radius)
+    counted = np.zeros(times.shape, dtype=bool)
+    for sign in (-1.0, 1.0):
+        labels = cv2.connectedComponents((sign * times > _LOST).astype(np.uint8), connectivity=8)[1]
+        sure = (sign * times > _SURE) & (found.gain > 0) & (labels > 0)
+        counted |= np.isin(labels, np.unique(labels[sure])) & (labels > 0)
+    return np.where(counted, found.deviation.astype(np.float64), np.where(found.measured, 0.0, np.nan))
+
+
+def _means(
+    found: DeviationMap, deviations: NDArray[np.float64], rows: slice, left_out: NDArray[np.bool_] | None
+) -> tuple[float, float, float]:
     counted = found.measured[rows]
     if left_out is not None:
         counted = counted & ~left_out[rows]
@@ -62,6 +96,6 @@ def _means(found: DeviationMap, rows: slice, left_out: NDArray[np.bool_] | None)
     wall = float(area[found.wall[rows]].sum())
     if total <= 0:
         return float("nan"), float("nan"), 0.0
-    deviation = found.deviation[rows][counted].astype(np.float64)
+    deviation = deviations[rows][counted]
     weight = area[counted] / total
     return float(weight @ np.maximum(-deviation, 0)), float(weight @ np.maximum(deviation, 0)), total / max(wall, 1e-12)

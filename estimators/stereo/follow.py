@@ -25,6 +25,7 @@ from estimators.stereo.on_wall import (
     likeness_at,
     match_on_wall,
     row_misfit,
+    sweep,
     windows_of,
 )
 from estimators.stereo.rig import StereoRig
@@ -125,6 +126,11 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
         grid = unroll(wall, nearest, farthest, *((ANGLES, ROWS) if last else (ANGLES // 2, ROWS // 2)))
         start = _from_coarse(coarse, grid) if earlier is None else _carried(*earlier, grid)
         start = _better_start(pair, grid, start, misfit, width, height)
+        if last:
+            half = unroll(wall, nearest, farthest, ANGLES // 2, ROWS // 2)
+            known = cv2.resize(start, (ANGLES // 2, ROWS // 2), interpolation=cv2.INTER_AREA)
+            swept = sweep(pair, half, np.asarray(known, np.float32), misfit, width, height, rig.offset_px or 0.0)
+            start = np.asarray(cv2.resize(swept, (ANGLES, ROWS), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
         match = match_on_wall(pair, grid, start, misfit, width, height, rig.offset_px or 0.0)
         if turn == 0:
             misfit = row_misfit(pair, grid, match.shift, misfit, width, height)
@@ -137,7 +143,11 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
         cone = apex(wall, grid.theta[(match.trusted & ends.inside).any(axis=0)])
         if last:
             break
-        own_offset = own_offset or _contradiction(cone, wall, match, ends) > _CONTRADICTION
+        if not own_offset and _contradiction(cone, wall, match, ends) > _CONTRADICTION:
+            if turn == 0:  # the first look is a rough one: it does not overrule a calibration
+                coarse_passes = 2
+            else:
+                own_offset = True
         if own_offset:  # a better offset: the same disparities, read as other depths
             std = own_offset_std(cone, wall, around(match, ends))
             wall = _with_offset(wall, cone.offset_px, std, grid, match, disparity, ends)

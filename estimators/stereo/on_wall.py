@@ -20,9 +20,16 @@ NORMAL_WIDTH = 960
 """Width (px) of the pictures that are resampled: texture finer than that is noise in common lenses."""
 _EVEN_WINDOW = 31
 _DARK = 4.0
-_SMALL, _LARGE = (11, 9), (33, 27)
+_SMALL, _LARGE, _TRIED = (11, 9), (33, 27), (17, 13)
 """Windows, in cells of the finest grid: around the pipe, along it."""
 _ITERATIONS = 2
+_SWEEP = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3, -0.03, -0.06, -0.09, -0.12)
+"""Shares by which a disparity is tried to be larger or smaller than the wall's. In these steps texture moves by about its
+grain: both grow as the wall comes nearer."""
+_CLEARLY, _MARGIN = 0.4, (0.12, 0.5)
+"""By how much the correlation of patches must be better there: so much over the root of their independent pixels."""
+_PLAIN = 0.3
+"""Mean square of an evened patch below which it tells little: noise on an even grey is alike by chance."""
 _STEP_PX = 2.0
 _REACH_PX = 4.0
 TRUST_PX = 1.0
@@ -110,7 +117,7 @@ def match_on_wall(
     pair: EvenPair, grid: Unrolled, start: Floats, misfit: RowMisfit, width: int, height: int, offset_px: float
 ) -> WallMatch:
     """Find the shift of every cell of ``grid``, beginning at ``start`` (px), for pictures of ``width`` x ``height`` px."""
-    own = np.clip(_INDEPENDENT * grid.pixels / pair.step**2, 0.005, 0.18).astype(np.float32)
+    own = _independent(grid, pair)
     limit = np.minimum(TRUST_PX * width / 1920, _TRUST_SHARE * (grid.disparity - offset_px)).astype(np.float32)
     lift = misfit.at(grid.x, grid.y, width, height)
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
@@ -145,13 +152,46 @@ def likeness_at(
     return _likeness(left, right, small), _likeness(left, right, large)
 
 
+def sweep(
+    pair: EvenPair, grid: Unrolled, first: Floats, misfit: RowMisfit, width: int, height: int, offset_px: float
+) -> Floats:
+    """Where to begin (px): at ``first``, or at one of some distances before and behind the wall, where the small patches agree
+    clearly better. What stands out by more than the texture's grain is otherwise never reached."""
+    lift = misfit.at(grid.x, grid.y, width, height)
+    left = _sampled(pair.left, grid.x, grid.y, pair.step)
+    small = _odd(grid, _TRIED)
+    mean = _blurred(left, small)
+    varied = _blurred(left * left, small) - mean * mean + np.float32(_PLAIN)
+    shift = grid.disparity - np.float32(offset_px)
+    best = np.full(shift.shape, -1.0, np.float32)
+    found = np.zeros(shift.shape, np.float32)
+    for share in (None, 0.0, *_SWEEP):
+        start = first if share is None else np.asarray(share * shift, dtype=np.float32)
+        right = _sampled(pair.right, grid.x - grid.disparity - start, grid.y - lift, pair.step)
+        other = _blurred(right, small)
+        spread = varied * (_blurred(right * right, small) - other * other + _PLAIN)
+        alike = (_blurred(left * right, small) - mean * other) / np.sqrt(spread)
+        better = alike > best
+        best[better], found[better] = alike[better], start[better]
+        if share is None:
+            patches = small[0] * small[1] * _independent(grid, pair)
+            best += np.clip(_CLEARLY / np.sqrt(patches), *_MARGIN)
+    return np.asarray(cv2.medianBlur(found, 5), dtype=np.float32)
+
+
+def _independent(grid: Unrolled, pair: EvenPair) -> Floats:
+    """Independent values in each cell."""
+    return np.asarray(np.clip(_INDEPENDENT * grid.pixels / pair.step**2, 0.005, 0.18), dtype=np.float32)
+
+
 def windows_of(grid: Unrolled) -> tuple[tuple[int, int], tuple[int, int]]:
     """The small and the large window in cells of ``grid``, odd: the same patch of wall on every grid."""
+    return _odd(grid, _SMALL), _odd(grid, _LARGE)
 
-    def odd(cells: int) -> int:
-        return 2 * round((cells * grid.fineness - 1) / 2) + 1
 
-    return (odd(_SMALL[0]), odd(_SMALL[1])), (odd(_LARGE[0]), odd(_LARGE[1]))
+def _odd(grid: Unrolled, window: tuple[int, int]) -> tuple[int, int]:
+    across, along = (2 * round((cells * grid.fineness - 1) / 2) + 1 for cells in window)
+    return across, along
 
 
 def row_misfit(pair: EvenPair, grid: Unrolled, shift: Floats, before: RowMisfit, width: int, height: int) -> RowMisfit:
