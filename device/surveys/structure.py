@@ -239,6 +239,8 @@ class StructureSurvey:
 
     def _take(self, survey: _Survey, events: list[Event]) -> None:
         for event in events:
+            if survey.cancelled or survey.state == "closing":
+                return  # the box is being switched off: no time for another scan
             survey.recorder.write(CHAMBER, event)
             if survey.course.take(event) and isinstance(event, Scan):
                 survey.state = "scanning" if survey.state == "waiting" else survey.state
@@ -257,29 +259,30 @@ class StructureSurvey:
             survey.full = True
 
     def _finish(self, survey: _Survey) -> str:
+        if survey.state == "closing":
+            return self._leave(survey)
         found = concluded(survey.course)
         if found is None:
             self._store.structures.forget(survey.survey_id)
             raise EstimateFailed("No scan came, so there is nothing to keep: check the scanner, then begin again.")
-        state = "interrupted" if survey.state == "closing" else "saved"
         for prompt in found["prompts"]:
             survey.recorder.write(PROMPTED, Words(prompt["code"], f"{prompt['reason']} {prompt['remedy']}"))
-        self._store.structures.keep(survey.survey_id, found, summary(found, survey.seconds), state)
+        self._store.structures.keep(survey.survey_id, found, summary(found, survey.seconds), "saved")
         survey.found = found
-        survey.recorder.write(ENDED, {"state": state})
+        survey.recorder.write(ENDED, {"state": "saved"})
         survey.recorder.write(FINDINGS, found)
-        return state
+        return "saved"
 
     def _leave(self, survey: _Survey) -> str:
-        """After a fault: what has been kept stays, as interrupted; a survey without a map goes."""
+        """After a fault, and when the box is switched off: what has been kept stays, as interrupted; without a map it goes."""
         try:
             if survey.found is None:
                 self._store.structures.forget(survey.survey_id)
                 return ""
             found = survey.found
             self._store.structures.keep(survey.survey_id, found, summary(found, survey.seconds), "interrupted")
-        except DeviceError as error:  # the next start of the box calls it interrupted
-            log.error("structure survey %d could not be closed: %s", survey.survey_id, error)
+        except Exception:  # the store may be closed by now; the next start of the box calls it interrupted
+            log.exception("structure survey %d could not be closed", survey.survey_id)
         return "interrupted"
 
     def _codes(self, survey: _Survey) -> list[str]:
