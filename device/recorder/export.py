@@ -1,5 +1,5 @@
-"""A recording as plain files: pictures with a manifest that ``borescout measure --replay`` reads, scans and navigation that
-``borescout structure`` reads, tables, and point clouds."""
+"""A recording as plain files: pictures with a manifest that ``borescout measure --replay`` or, of stereo pairs,
+``borescout anomaly --replay`` reads, scans and navigation that ``borescout structure`` reads, tables, and point clouds."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from device.errors import Invalid
 from device.json_text import dumps
 from device.recorder.reader import Entry, open_recording
 from device.recorder.samples import Picture, Words
-from device.recorder.schemas import Message, foxglove_schema
+from device.recorder.schemas import Message, foxglove_schema, topic_name
 from device.recorder.writer import LogWriter
+from device.surveys.topics import PAIRS
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.navigation.readings import Attitude, Depth, NavReading, Velocity
@@ -32,6 +33,7 @@ from estimators.pinhole import rays
 
 MANIFEST, READINGS, NOTES, PICTURES, CLOUDS = "manifest.json", "tether.csv", "notes.jsonl", "pictures.csv", "clouds.mcap"
 SCANS, NAVIGATION = "scans", "navigation.csv"
+SIDES = ("left", "right")
 _THIN = 2
 """Every second pixel of every second row: as many points as can be looked at."""
 
@@ -62,6 +64,7 @@ class _Export:
         self._mount = _mount_of(head)
         self._cloud_log: LogWriter | None = None
         self._manifest: list[dict[str, Any]] = []
+        self._pairs: dict[str, Any] = {}
         self._files: dict[str, TextIO] = {}
 
     def __enter__(self) -> _Export:
@@ -72,6 +75,8 @@ class _Export:
             file.close()
         if self._manifest:
             (self._folder / MANIFEST).write_text(json.dumps(self._manifest, indent=1) + "\n", encoding="utf-8")
+        elif self._pairs:
+            (self._folder / MANIFEST).write_text(json.dumps(self._pairs, indent=1) + "\n", encoding="utf-8")
         if self._cloud_log is not None:
             self._cloud_log.finish()
 
@@ -91,9 +96,27 @@ class _Export:
         elif isinstance(sample, Velocity | Depth | Attitude):
             self._reading(sample)
         else:
+            if entry.topic == PAIRS and isinstance(sample, dict):
+                self._pair(sample)
             note: Any = asdict(sample) if isinstance(sample, Words) else sample
             self._open(NOTES).write(dumps({"topic": entry.topic, "log_ns": entry.log_ns, "told": note}) + "\n")
             self.counts["notes"] += 1
+
+    def _pair(self, told: dict[str, Any]) -> None:
+        """A stereo pair, whose pictures are written: for ``borescout anomaly --replay``."""
+        lens = told["intrinsics"]
+        folders = {side: topic_name("stereo", told["camera"], side).strip("/").replace("/", "-") for side in SIDES}
+        paths = {side: f"{folder}/{told['number']:08d}.png" for side, folder in folders.items()}
+        self._pairs.setdefault("pairs", []).append(paths)
+        self._pairs |= {
+            "width": lens["width"],
+            "height": lens["height"],
+            "focal_px": lens["fx"],
+            "principal_px": [lens["ppx"], lens["ppy"]],
+            "baseline_mm": 1000 * told["baseline_m"],
+            "disparity_offset_px": told["offset_px"],
+        }
+        self.counts["stereo pairs"] += 1
 
     def _scan(self, scan: Scan) -> None:
         (self._folder / SCANS).mkdir(exist_ok=True)

@@ -15,11 +15,13 @@ from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
 from device.feed import StereoFeed
+from device.recorder.export import export_recording
 from device.replay import replay
 from device.stereo_calibration import RigSource
 from device.stereo_rig import StereoEye
 from device.surveys.anomaly_views import unpacked
 from device.workers import WorkerPool
+from drivers.stereo.replay import pair_folder, read_pair
 from drivers.virtual.landmarks import Patch
 from drivers.virtual.profile import circular
 from drivers.virtual.stereo_camera import StereoLens, StereoLook, StereoPainter, VirtualStereoCamera
@@ -116,6 +118,10 @@ def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], t
     wait_for(lambda: device.recordings(number)["state"] == "kept")
     outcome = replay(device.recording_file(number, 1, 1))
     assert (outcome.equal, outcome.exact, outcome.frames) == (True, True, 2)
+    assert export_recording(device.recording_file(number, 1, 1), tmp_path / "plain")["stereo pairs"] == 2
+    pairs = pair_folder(tmp_path / "plain")
+    assert [read_pair(pairs, entry).left.shape for entry in pairs.pairs] == [(400, 640, 3)] * 2
+    assert (pairs.baseline_m, pairs.offset_px) == (0.06, 0.0)
 
 
 def test_a_dark_lamp_is_refused_with_a_remedy_and_a_pulled_cable_told(box: Callable[..., Device]) -> None:
