@@ -45,6 +45,7 @@ def pdf(inspection: Inspection, options: Options) -> bytes:
         *_anomalies(inspection, options, words),
         *_landmarks(inspection, options, words),
         *_chambers(inspection, words),
+        *_instruments(inspection, words),
         *_refused(inspection, options, words),
     ]
     file = io.BytesIO()
@@ -104,7 +105,7 @@ def _cover(inspection: Inspection, options: Options, words: dict[str, str]) -> l
         (words["length"], _metres(pipe.length, options, words)),
         (words["inspected"], _metres(inspection.length, options, words)),
         (words["note"], inspection.note),
-        (words["device"], ", ".join(f"{name} {value}" for name, value in inspection.device.items()) or options.program),
+        (words["device"], options.program),
     ]
     summary = [
         _paragraph(f"{words['diameter']}: {_millimetres(s.diameter_mm, options, words)}, {words[s.verdict]}", _TEXT)
@@ -268,22 +269,30 @@ def _runs(profile: Sequence[tuple[float, float] | None]) -> list[list[tuple[floa
 
 
 def _box_plot(sheet: DiameterSheet, options: Options) -> Drawing:
-    """Smallest, quartiles, median and largest diameter of the single frames."""
+    """Smallest, quartiles, median and largest diameter of the single frames, on the scale of the 95 % interval."""
     ordered = sorted(sheet.frames_mm)
     low, first, median, third, high = (ordered[round(share * (len(ordered) - 1))] for share in (0, 0.25, 0.5, 0.75, 1))
-    drawing = Drawing(_WIDTH, 16 * mm)
-    span = max(high - low, 1e-6)
+    ends = [low, high] if sheet.interval_mm is None else [low, high, *sheet.interval_mm]
+    left, right = min(ends), max(ends)
+    drawing = Drawing(_WIDTH, 19 * mm)
+    span = max(right - left, 1e-6)
 
     def x(value: float) -> float:
-        return float(12 * mm + (value - low) / span * (_WIDTH - 24 * mm))
+        return float(12 * mm + (value - left) / span * (_WIDTH - 24 * mm))
+
+    def label(value: float, height: float) -> String:
+        text = f"{value / _INCH_MM:.2f} in" if options.imperial else f"{value:.1f}"
+        return String(x(value), height, text, fontSize=7, textAnchor="middle", fillColor=_GREY)
 
     y = 9 * mm
+    drawing.add(Line(x(left), y, x(right), y, strokeColor=_LINE))
+    for value in (left, right):
+        drawing.add(Line(x(value), y - 1.5 * mm, x(value), y + 1.5 * mm, strokeColor=_GREY))
+        drawing.add(label(value, 2 * mm))
     drawing.add(Line(x(low), y, x(high), y, strokeColor=_INK))
     drawing.add(Rect(x(first), y - 2.5 * mm, max(x(third) - x(first), 0.5), 5 * mm, fillColor=_LINE, strokeColor=_INK))
     drawing.add(Line(x(median), y - 2.5 * mm, x(median), y + 2.5 * mm, strokeColor=_BAD, strokeWidth=1.5))
-    for value, anchor in ((low, "start"), (median, "middle"), (high, "end")):
-        label = f"{value / _INCH_MM:.2f} in" if options.imperial else f"{value:.1f}"
-        drawing.add(String(x(value), 1 * mm, label, fontSize=7, textAnchor=anchor, fillColor=_GREY))
+    drawing.add(label(median, y + 4 * mm))
     return drawing
 
 
@@ -304,7 +313,7 @@ def _anomalies(inspection: Inspection, options: Options, words: dict[str, str]) 
             f"{one['survey']}.{one['number']}" if "survey" in one else "-",
             "-" if one.get("chainage_m") is None else _station(float(one["chainage_m"]), options),
             words.get(str(one.get("kind")), "-") + (f" ({words['expected']})" if one.get("expected") else ""),
-            "-" if one.get("clock") is None else f"{float(one['clock']):.1f}",
+            _hour(one.get("clock")),
             "-" if one.get("peak_mm") is None else f"{float(one['peak_mm']):+.0f} mm",
             "-" if one.get("area_mm2") is None else f"{float(one['area_mm2']) / 100:.0f} cm2",
             "-" if one.get("confidence") is None else f"{100 * float(one['confidence']):.0f} %",
@@ -342,7 +351,7 @@ def _landmarks(inspection: Inspection, options: Options, words: dict[str, str]) 
         (
             _station(float(one["chainage_m"]), options),
             str(one["class"]),
-            "-" if one.get("clock") is None else f"{float(one['clock']):.1f}",
+            _hour(one.get("clock")),
             "-" if one.get("sigma_chainage_m") is None else f"± {2 * float(one['sigma_chainage_m']):.2f} m",
             str(one.get("decision") or one.get("status") or ""),
         )
@@ -373,6 +382,24 @@ def _chambers(inspection: Inspection, words: dict[str, str]) -> list[Flowable]:
             pages.append(_paragraph(words["contradicted"]))
         pages.append(_table([head, *rows], [16 * mm, 44 * mm, 24 * mm, 54 * mm, 34 * mm]))
     return pages
+
+
+_KINDS = {"diameter": "diameter", "landmarks": "landmarks", "anomaly": "anomalies", "structure": "chamber"}
+
+
+def _instruments(inspection: Inspection, words: dict[str, str]) -> list[Flowable]:
+    if not inspection.instruments:
+        return []
+    rows = [
+        (
+            f"{words[_KINDS[one.kind]]}, {words['survey']} {one.survey}",
+            one.sensor or words["unknown"],
+            "; ".join(f"{words[name]} {value}" for name, value in one.calibration.items()) or "-",
+        )
+        for one in inspection.instruments
+    ]
+    head = (words["survey"], words["sensor"], words["calibration"])
+    return [_paragraph(words["instruments"], _HEAD), _table([head, *rows], (60 * mm, 50 * mm, _WIDTH - 110 * mm))]
 
 
 def _refused(inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:
@@ -422,6 +449,11 @@ def _code(one: Observation) -> str:
 def _wording(one: Observation, options: Options) -> str:
     code = codes().get(one.code)
     return "" if code is None else code.text(options.language)
+
+
+def _hour(clock: float | None) -> str:
+    """A clock position to a tenth; what rounds to 0 is 12."""
+    return "-" if clock is None else f"{round(float(clock), 1) or 12.0:.1f}"
 
 
 def _clock(one: Observation) -> str:

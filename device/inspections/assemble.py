@@ -11,9 +11,20 @@ from pydantic import TypeAdapter, ValidationError
 
 from device.config import sentence
 from device.errors import Invalid
+from device.inspections import instruments
 from device.inspections.coding import numbered, observations
 from device.inspections.deviations import Region, deviations
-from device.inspections.model import AnomalySheet, Cloud, DiameterSheet, Inspection, NodeRecord, Observation, Photo, PipeRecord
+from device.inspections.model import (
+    AnomalySheet,
+    Cloud,
+    DiameterSheet,
+    Inspection,
+    Instrument,
+    NodeRecord,
+    Observation,
+    Photo,
+    PipeRecord,
+)
 from device.store import Store
 
 _OBSERVATIONS = TypeAdapter(list[Observation])
@@ -30,16 +41,19 @@ def assemble(store: Store, number: int) -> Inspection:
     structures: list[Mapping[str, Any]] = []
     scans: list[AnomalySheet] = []
     regions: list[Region] = []
+    made_with: list[Instrument] = []
     for survey in kept["surveys"]:
         survey_id = survey["survey_id"]
         if survey["kind"] == "landmarks":
             found, pictures = _drive(store, survey_id, pipe.name)
             landmarks += found
             photos += pictures
+            made_with.append(instruments.crawler(survey_id, store.drives.map(survey_id)))
         elif survey["kind"] == "diameter":
             stated = store.surveys.get(survey_id)
             if stated["result"] is not None:
                 diameters.append(_sheet(survey_id, stated["result"], stated["final_verdict"], survey["station_m"]))
+                made_with.append(instruments.depth_camera(survey_id, stated["result"]))
             cloud = store.surveys.cloud(survey_id)
             if cloud is not None:
                 clouds.append(_cloud(survey_id, cloud, survey["station_m"]))
@@ -49,8 +63,10 @@ def assemble(store: Store, number: int) -> Inspection:
                 scans.append(scanned[0])
                 regions += scanned[1]
                 photos += scanned[2]
+                made_with.append(instruments.stereo_camera(survey_id, store.surveys.get(survey_id)["result"]))
         elif survey["kind"] == "structure":
             structures.append(store.structures.map(survey_id))
+            made_with.append(instruments.scanner(survey_id, structures[-1]))
     inspection = Inspection(
         number=number,
         site=site["name"],
@@ -69,6 +85,7 @@ def assemble(store: Store, number: int) -> Inspection:
         anomalies=tuple(regions),
         scans=tuple(scans),
         structures=tuple(structures),
+        instruments=tuple(made_with),
     )
     edited = store.inspections.observations(number)
     coded = observations(inspection) if edited is None else read_observations(edited)

@@ -131,6 +131,16 @@ class Cloud:
 
 
 @dataclass(frozen=True)
+class Instrument:
+    """The ``sensor`` that made a ``survey`` of this ``kind``; ``calibration`` states it by the keys of ``export.wording``."""
+
+    survey: int
+    kind: str
+    sensor: str
+    calibration: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Inspection:
     """One inspection of one pipe. ``crs`` is the EPSG number of the nodes' coordinates; ``date`` is ISO 8601, None where the
     box did not know it; ``landmarks``, ``anomalies`` (regions of the scans in ``scans``) and ``structures`` are what the
@@ -154,7 +164,7 @@ class Inspection:
     anomalies: tuple[Mapping[str, Any], ...] = ()
     scans: tuple[AnomalySheet, ...] = ()
     structures: tuple[Mapping[str, Any], ...] = ()
-    device: Mapping[str, Any] = field(default_factory=dict)
+    instruments: tuple[Instrument, ...] = ()
 
     @property
     def start(self) -> NodeRecord:

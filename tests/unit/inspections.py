@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from device.inspections.codes import codes
 from device.inspections.coding import numbered, observations
-from device.inspections.model import Cloud, DiameterSheet, Inspection, NodeRecord, Observation, Photo, PipeRecord
+from device.inspections.model import Cloud, DiameterSheet, Inspection, Instrument, NodeRecord, Observation, Photo, PipeRecord
 from device.pictures import encode_jpeg
 
 CIRCLE = tuple((200 * math.cos(math.radians(a)), 205 * math.sin(math.radians(a))) for a in range(0, 360, 5))
@@ -65,7 +65,7 @@ def whole() -> Inspection:
         ),
         anomalies=({"chainage_m": 15.0, "peak_mm": -22.0, "area_mm2": 1500.0, "clock": 6.2},),
         structures=(chamber(),),
-        device={"program": "test"},
+        instruments=(Instrument(1, "diameter", "virtual", {"scale_error": "0.4 %"}),),
     )
     return replace(inspection, observations=observations(inspection))
 

@@ -234,13 +234,14 @@ def test_the_report_has_its_texts_and_pictures_in_both_languages() -> None:
         "refused: do not order",
         "28.30 m",
         "does not look along the pipe",
+        "scale error within the interval 0.4 %",
         "Ann",
     ):
         assert wanted in text, wanted
     assert sum(len(page.images) for page in english.pages) == 1
     german = PdfReader(io.BytesIO(export("pdf", whole(), replace(OPTIONS, language="de", imperial=True))[0]))
     text = " ".join(page.extract_text() for page in german.pages)
-    for wanted in ("Anschluss", "Haltungsgrafik", "15.79 in", "92.8 ft", "blickt nicht längs"):
+    for wanted in ("Anschluss", "Haltungsgrafik", "15.79 in", "92.8 ft", "blickt nicht längs", "Geräte und Kalibrierung"):
         assert wanted in text, wanted
 
 
