@@ -66,4 +66,6 @@ def _what(outcome: Outcome) -> str:
     if outcome.kind == "anomaly":
         result = found["result"]
         return f"{len(result['regions'])} deviations" if result["fitted"] else f"refused: {result['reasons'][0]}"
+    if outcome.kind == "structure":
+        return f"{len(found.get('pipes', ()))} pipes, {len(found.get('objects', ()))} objects"
     return f"{len(found['landmarks'])} landmarks, {len(found['rings'])} joints"

@@ -7,7 +7,7 @@ import { startShell } from "./shell.js";
 import { CAMERAS, CLOCKS, age } from "./words.js";
 
 const PERIOD_MS = 2000;
-const ROLES = { camera: "Depth camera", grabber: "CCTV", encoder: "Tether encoder" };
+const ROLES = { camera: "Depth camera", grabber: "CCTV", encoder: "Tether encoder", stereo: "Stereo camera" };
 const STATES = { ...CAMERAS, resting: { word: "resting", state: "good", icon: "accept" } };
 const HOTSPOTS = { up: "working", silent: "silent, being restarted", off: "off, being started", unknown: "not watched" };
 
