@@ -56,7 +56,7 @@ def test_a_chamber_is_mapped_stored_recorded_and_computed_again(device: Device) 
         device.structure.begin()
     with pytest.raises(Busy):
         device.delete_survey(survey)
-    state = wait_for(device, lambda state: state["scans"] >= 6 and state["pipes"] >= 2)
+    state = wait_for(device, lambda state: state["scans"] >= 6 and state["pipes"] >= 3)
     assert len(device.structure.map(survey)["track"]) >= state["scans"], "what is told has been stored"
     assert state["sigma_m"] < 0.1
     assert device.structure.end() == {"survey_id": survey}
