@@ -19,7 +19,7 @@ Floats = NDArray[np.float32]
 
 ANGLES, ROWS = 540, 240
 _CLOSING_M, _CLOSING_SHARE, _CLOSING_ROWS = 0.001, 0.01, (14, 36)
-"""What stands in by so much (m, and share of the radius) and reaches to so many rows before the far end, but not to more than
+"""What is off by so much (m, and share of the radius) and reaches to so many rows before the far end, but not to more than
 the second number of them, may belong to what closes it."""
 _SMOOTHING = (5, 3)
 _REACH = 0.75
@@ -165,15 +165,18 @@ def _resampled(followed: FollowedWall, depth: NDArray[np.float64], theta: NDArra
 
 
 def what_closes(deviation: Floats, inside: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """Cells that stand in and reach to the far end of the wall: whatever closes the pipe there (a manhole, a cloth, a bend)
-    looks like a deposit by its rim, and cannot be told from one. It is no measurement of the wall."""
+    """Cells off the wall that reach to its far end: whatever closes the pipe there (a manhole, a cloth, a bend) looks like a
+    deposit by its rim, or by its noise like a loss, and cannot be told from one. It is no measurement of the wall."""
     last = inside.shape[0] - 1 - np.argmax(inside[::-1], axis=0)
     before_end = last - np.arange(inside.shape[0])[:, None]
-    standing = (np.nan_to_num(deviation) < -least).astype(np.uint8)
-    labels = cv2.connectedComponents(standing, connectivity=8)[1]
-    reaching = np.unique(labels[(before_end < _CLOSING_ROWS[0]) & (standing > 0)])
-    longer = np.unique(labels[(before_end > _CLOSING_ROWS[1]) & (standing > 0)])
-    return np.asarray(np.isin(labels, np.setdiff1d(reaching, longer)) & (standing > 0), dtype=np.bool_)
+    closing = np.zeros(inside.shape, dtype=np.bool_)
+    for sign in (-1.0, 1.0):
+        off = sign * np.nan_to_num(deviation) > least
+        labels = cv2.connectedComponents(off.astype(np.uint8), connectivity=8)[1]
+        reaching = np.unique(labels[(before_end < _CLOSING_ROWS[0]) & off])
+        longer = np.unique(labels[(before_end > _CLOSING_ROWS[1]) & off])
+        closing |= np.isin(labels, np.setdiff1d(reaching, longer)) & off
+    return closing
 
 
 def _small_gaps(deviation: Floats, sigma: Floats) -> tuple[Floats, Floats]:

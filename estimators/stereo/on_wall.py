@@ -181,7 +181,8 @@ def sweep(
 
 def _independent(grid: Unrolled, pair: EvenPair) -> Floats:
     """Independent values in each cell."""
-    return np.asarray(np.clip(_INDEPENDENT * grid.pixels / pair.step**2, 0.005, 0.18), dtype=np.float32)
+    cell = _INDEPENDENT * (grid.fineness / pair.step) ** 2 * grid.pixels
+    return np.asarray(np.clip(cell, 0.005, 0.18) / grid.fineness**2, dtype=np.float32)
 
 
 def windows_of(grid: Unrolled) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -154,6 +154,8 @@ def main() -> None:
     parser.add_argument("--smooth", type=int, default=20, help="clean pairs as smooth as plastic")
     parser.add_argument("--seed", type=int, default=1001, help="the first; 1 to 100 served development")
     options = parser.parse_args()
+    if options.scenes < 4:
+        parser.error("Correlations need at least 4 pairs with defects.")
     cv2.setNumThreads(1)
     scores: list[NDArray[np.float32]] = []
     labels: list[NDArray[np.bool_]] = []
