@@ -105,7 +105,7 @@ def test_what_was_looked_at_is_remembered_and_a_deleted_survey_leaves_its_entry(
 
 
 def test_the_journal_does_not_grow_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("device.store.journal._KEPT", 5)
+    monkeypatch.setattr("device.store.journal.KEPT", 5)
     for name in "abcdefgh":
         store, _ = boot(tmp_path, name)
         store.journal.switched_on()
