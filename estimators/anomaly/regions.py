@@ -19,7 +19,8 @@ _NOISE_FACTOR = 4.5
 _SIGMA_FACTOR = 4.0
 _GROWN = 0.5
 """A region grows down to this share of what begins one."""
-_LEAST_AREA_M2 = 1e-4
+_LEAST_AREA_M2 = 4e-4
+"""Less than one small window of the match covers in a common pipe: what is smaller is one window's error."""
 _LEAST_CELLS = 6
 _LEAST_GAIN = 0.05
 """A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was
