@@ -22,6 +22,9 @@ from device.json_text import dumps
 ROWS = "rows"
 _ATTEMPTS = 2
 """A worker that dies takes its neighbours' work with it; whose fault it was shows when each is tried alone."""
+_AFRESH = 50
+"""Workers are started afresh after so many inputs each, on the average: decoders leak. (`max_tasks_per_child` would do it one
+by one, but a pool of Python 3.11 may wait for ever for a worker that it did not start.)"""
 
 
 def done(out: Path, jobs: list[Job]) -> dict[str, Row]:
@@ -48,7 +51,7 @@ def run(jobs: list[Job], out: Path, open_executor: Callable[[int], Any], workers
     waiting = list(jobs)
     for attempt in range(1, _ATTEMPTS + 1):
         broken: list[Job] = []
-        for job, row in _once(waiting, open_executor, workers if attempt == 1 else 1):
+        for job, row in _once(waiting, open_executor, workers, alone=attempt > 1):
             if row is None:
                 broken.append(job)
             else:
@@ -60,13 +63,12 @@ def run(jobs: list[Job], out: Path, open_executor: Callable[[int], Any], workers
         yield _kept(out, job, _lost(job))
 
 
-def _once(jobs: list[Job], open_executor: Callable[[int], Any], workers: int) -> Iterator[tuple[Job, Row | None]]:
-    """Each job with its row, None where its worker died."""
-    alone = workers == 1
-    remaining = list(jobs)
+def _once(jobs: list[Job], open_executor: Callable[[int], Any], workers: int, alone: bool) -> Iterator[tuple[Job, Row | None]]:
+    """Each job with its row, None where its worker died. ``alone``: each has a worker that no other job had."""
+    remaining, size = list(jobs), 1 if alone else _AFRESH * workers
     while remaining:
-        now, remaining = (remaining[:1], remaining[1:]) if alone else (remaining, [])
-        with open_executor(workers) as executor:
+        now, remaining = remaining[:size], remaining[size:]
+        with open_executor(1 if alone else workers) as executor:
             futures: dict[Future[Row], Job] = {executor.submit(convert, job): job for job in now}
             for future in as_completed(futures):
                 try:
@@ -78,7 +80,7 @@ def _once(jobs: list[Job], open_executor: Callable[[int], Any], workers: int) ->
 @contextmanager
 def processes(workers: int) -> Iterator[Executor]:
     """Workers on this machine. They are spawned: a forked one would share what OpenCV and ONNX began."""
-    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_end_with_parent, max_tasks_per_child=20)
+    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_end_with_parent)
     try:
         yield executor
     finally:

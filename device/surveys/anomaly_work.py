@@ -18,7 +18,7 @@ from estimators.stereo.rig import StereoRig
 Result = dict[str, Any]
 
 DARK, WHITE, BLURRED, SMOOTH, NEAR, LEAST_MATCHED = 25.0, 0.35, 0.42, 1.0, 0.3, 0.25
-"""Where a glance begins to mean trouble; see ``estimators.stereo.glance``. In 35 real pairs the focus is 0.49 and more, the
+"""Where a glance begins to mean trouble; see ``estimators.stereo.glance``. In 9 real pairs the focus is 0.49 and more, the
 texture 2 and more."""
 ASIDE, LEAST_AROUND = 0.35, 0.6
 

@@ -71,6 +71,13 @@ def test_what_changed_is_converted_anew(tmp_path: Path) -> None:
     assert not done(tmp_path / "out", [Job(changed, job.folder, None, None, "test")])
 
 
+def test_workers_are_started_afresh_now_and_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_archive(tmp_path / "in", good=3, bad=0)
+    monkeypatch.setattr("device.batch.run._AFRESH", 1)
+    jobs = [Job(one, tmp_path / "out" / "inputs" / one.name, None, None, "test") for one in inputs(tmp_path / "in")]
+    assert [row["ok"] for row in run(jobs, tmp_path / "out", processes, 1)] == [True] * 3
+
+
 def test_a_worker_that_dies_costs_its_own_input_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_archive(tmp_path / "in", good=2, bad=0)
     monkeypatch.setattr("device.batch.run.convert", dying)
