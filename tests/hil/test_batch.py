@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from distributed import LocalCluster
 from pyarrow import parquet
 
 from device.batch.convert import Job
@@ -69,6 +70,14 @@ def test_what_changed_is_converted_anew(tmp_path: Path) -> None:
     source.path.write_text(source.path.read_text() + "\n")
     (changed,) = inputs(tmp_path / "in")
     assert not done(tmp_path / "out", [Job(changed, job.folder, None, None, "test")])
+
+
+def test_a_cluster_converts_the_same(tmp_path: Path) -> None:
+    names = make_archive(tmp_path / "in", good=2, bad=1)
+    with LocalCluster(n_workers=1, processes=False, protocol="tcp", dashboard_address=None) as cluster:
+        status, rows = converted(tmp_path / "in", tmp_path / "out", "--scheduler", cluster.scheduler_address)
+    assert status == 1
+    assert sorted((str(row["input"]), row["ok"]) for row in rows) == sorted((name, "run" in name) for name in names)
 
 
 def test_workers_are_started_afresh_now_and_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
