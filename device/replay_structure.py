@@ -31,10 +31,10 @@ class StructureReplay:
             return None
         self.missing += entry.sequence - self._sequence
         self._sequence = entry.sequence + 1
-        if not self._course.take(sample):
+        if not self._course.take(sample) or not isinstance(sample, Scan):
             return None
         self.frames += 1
-        return f"scan {self.frames} at {self._course.times[-1]:.1f} s, {len(sample.points)} points"  # type: ignore[union-attr]
+        return f"scan {self.frames} at {self._course.times[-1]:.1f} s, {len(sample.points)} points"
 
     def finish(self) -> dict[str, Any]:
         """As the survey ends."""

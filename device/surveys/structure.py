@@ -138,10 +138,11 @@ class StructureSurvey:
         with self._lock:
             if self.busy:
                 raise Busy("A structure survey is under way: end it or cancel it first.")
-            if not self.available:
+            scanner = self._rig.scanner
+            if scanner is None:
                 raise Invalid("This box has no scanner for chambers: name one in its settings, table [structure].")
             setup = CourseSetup.of(self._rig, seed)
-            settings = {"radius_m": setup.radius_m, "upright": setup.upright, "scanner": self._rig.scanner.name}  # type: ignore[union-attr]
+            settings = {"radius_m": setup.radius_m, "upright": setup.upright, "scanner": scanner.name}
             survey_id = self._store.structures.begin(node_id, settings)
             head = {"kind": self.kind, "versions": versions(), "setup": setup.to_json(), "node_id": node_id}
             recorder = self._shelf.begin(survey_id, head)
