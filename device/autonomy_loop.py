@@ -12,8 +12,8 @@ import numpy as np
 
 from device.autonomy import REASONS, Action, Aiming, Autonomy, Condition, Crawling, Rules, Seen, wants_after
 from device.clock import Clock
-from device.crawler import Crawler
 from device.errors import DeviceError, NotFound
+from device.landmarks.crawler import Crawler
 from device.store import Store
 from device.store.journal import LastTime, What
 from device.surveys.diameter import DiameterSurvey

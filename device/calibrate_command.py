@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from device.anomaly.calibration import known_pipe_calibration, save_calibration
 from device.errors import Invalid
-from device.stereo_calibration import known_pipe_calibration, save_calibration
 from device.surveys.anomaly_result import grey
 from drivers.stereo.replay import pair_folder, read_pair
 from estimators.radial_profile.shape import shape_of

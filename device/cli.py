@@ -29,7 +29,7 @@ class LazyCommands(click.Group):
     """Commands that are loaded when they are asked for: ``--help`` must not wait for OpenCV on a small computer."""
 
     lazy: ClassVar = {
-        "anomaly": ("device.anomaly_command:anomaly", "See where a pipe's wall deviates, from stereo."),
+        "anomaly": ("device.anomaly.command:anomaly", "See where a pipe's wall deviates, from stereo."),
         "calibrate": ("device.calibrate_command:calibrate", "Calibrate a stereo rig."),
         "batch": ("device.batch_command:batch", "Convert a folder of inspections."),
         "demo-inspection": ("device.export_command:demo", "Put a complete virtual inspection into the store."),
@@ -37,12 +37,12 @@ class LazyCommands(click.Group):
         "export": ("device.export_command:export_inspection", "Write an inspection in the formats of the trade."),
         "fcdd": ("device.fcdd.command:fcdd", "Train, export and judge the detector of landmarks."),
         "label": ("device.label:label", "Print the label of the box: Wi-Fi, page and PIN."),
-        "map": ("device.map_command:map_pipe", "Map a pipe from CCTV and tether."),
+        "map": ("device.landmarks.command:map_pipe", "Map a pipe from CCTV and tether."),
         "measure": ("device.measure_command:measure", "Measure the diameter of a pipe."),
         "recordings": ("device.recordings_command:recordings", "List, check, recover, prune, export raw data of surveys."),
-        "replay": ("device.replay_command:replay_recording", "Compute a recorded survey again and compare."),
+        "replay": ("device.replay.command:replay_recording", "Compute a recorded survey again and compare."),
         "serve": ("device.serve_command:serve", "Run the box: read the cameras, serve the page."),
-        "structure": ("device.structure_command:structure", "Map a pipe structure from scans and navigation."),
+        "structure": ("device.structure.command:structure", "Map a pipe structure from scans and navigation."),
         "virtual-campaign": ("device.campaign:virtual_campaign", "Measure many virtual pipes and count the errors."),
     }
     """Name: (module:command, what ``--help`` says of it)."""

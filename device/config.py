@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from device.autonomy import Rules
-from device.detectors import EVERY
 from device.errors import Invalid
+from device.landmarks.detectors import EVERY
 
 CameraKind = Literal["realsense", "oak", "replay", "virtual"]
 

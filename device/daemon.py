@@ -16,23 +16,24 @@ from typing import IO, Any
 
 from device import clouds
 from device.access import Access, pin_of
-from device.anomaly_desk import AnomalyDesk
+from device.anomaly.desk import AnomalyDesk
+from device.anomaly.rig import StereoEye, make_stereo
 from device.autonomy import Condition
 from device.autonomy_loop import Unattended, told
 from device.bus import Bus, Subscription
 from device.cameras import feeds as make_feeds
-from device.chamber_rig import make_rig
 from device.clock import Clock
 from device.config import Settings
-from device.crawler import Crawler
-from device.crawlers import make_crawler
 from device.durable import make_folder
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
 from device.feed import CameraFeed
-from device.health_machine import MachineReader
-from device.health_watch import HealthWatch
+from device.health.machine import MachineReader
+from device.health.watch import HealthWatch
 from device.inspections.desk import Desk
 from device.lamp import LampKeeper
+from device.landmarks.crawler import Crawler
+from device.landmarks.crawlers import make_crawler
+from device.landmarks.tether import Tether
 from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
 from device.prompts import PROMPTS
@@ -40,15 +41,14 @@ from device.recorder import RecorderStatus, Shelf
 from device.recorder.names import Name, name_of
 from device.recorder.policy import MB, DiskPolicy
 from device.recorder.shelf import FOLDER
-from device.stereo_rig import StereoEye, make_stereo
 from device.store import Store
 from device.store.journal import LastTime
 from device.store.surveys import QUESTIONS
-from device.structure_desk import StructureDesk
+from device.structure.desk import StructureDesk
+from device.structure.rig import make_rig
 from device.surveys.diameter import DiameterSurvey
 from device.surveys.landmarks import LandmarkSurvey
 from device.surveys.live import LiveEstimates
-from device.tether import Tether
 from device.workers import WorkerPool
 from drivers.lamp.base import Lamp
 

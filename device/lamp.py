@@ -11,8 +11,8 @@ from typing import Any
 from device.errors import Invalid, StorageFull
 from device.feed import Feed
 from device.lamp_control import LampControl, LampRules, exposure
+from device.landmarks.tether import Tether
 from device.store.drives import Remembered
-from device.tether import Tether
 from drivers.base import DriverError
 from drivers.grabber.base import VideoFrame
 from drivers.lamp.base import Lamp

@@ -18,9 +18,9 @@ from device.export.formats import export
 from device.inspections.coding import observations
 from device.inspections.model import Inspection, NodeRecord, PipeRecord
 from device.json_text import dumps
-from device.map_command import Options as MapOptions
-from device.map_command import map_source
-from device.map_picture import save_map_picture
+from device.landmarks.command import Options as MapOptions
+from device.landmarks.command import map_source
+from device.landmarks.picture import save_map_picture
 from drivers.base import DriverError
 
 Row = dict[str, Any]
@@ -70,8 +70,8 @@ def _map(source: Input) -> Row:
 
 
 def _replayed(path: Path) -> Row:
-    from device.replay import Options as ReplayOptions
-    from device.replay import replay
+    from device.replay.survey import Options as ReplayOptions
+    from device.replay.survey import replay
 
     outcome = replay(path, ReplayOptions(workers=1), lambda line: None)
     return {"landmarks": [], "frames": outcome.frames, "replayed": outcome.kind, **outcome.findings}

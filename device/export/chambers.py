@@ -9,7 +9,7 @@ from device.errors import Invalid
 from device.export.base import Options
 from device.export.pacp import table
 from device.inspections.model import Inspection
-from device.structure_export import map_bytes
+from device.structure.export import map_bytes
 
 _OBJECT = ("survey", "node", "object", "class", "belief", "north_m", "east_m", "depth_m", "sigma_m", "open", "pipes")
 

@@ -13,7 +13,7 @@ from device.errors import Invalid
 from device.fcdd.archive import SHIPPED_CLASSES, Still, read_archive, read_classes, read_picture
 from device.fcdd.model import SHIPPED, load_model
 from device.json_text import dumps
-from device.map_command import progress
+from device.landmarks.command import progress
 
 FEW = 20
 """With fewer positives than this a figure says little."""

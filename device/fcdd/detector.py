@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from device.detectors import EVERY
 from device.errors import Invalid
 from device.fcdd.model import SHIPPED, SHIPPED_INT8, fastest_model, load_model
+from device.landmarks.detectors import EVERY
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.fcdd import Fcdd

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from device.store import Store
-from device.structure_run import VirtualChamber
+from device.structure.run import VirtualChamber
 from device.surveys.structure import concluded, summary
 from device.surveys.structure_course import Course, CourseSetup
 from drivers.virtual.chamber.structure import SMALL, load_structure

@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from device.anomaly.calibration import RigSource
+from device.anomaly.rig import StereoEye
 from device.bus import Bus
 from device.errors import EstimateFailed
 from device.pictures import encode_jpeg
@@ -20,8 +22,6 @@ from device.recorder import Recorder, Shelf
 from device.recorder.samples import Words, picture
 from device.recorder.schemas import topic_name
 from device.recorder.versions import versions
-from device.stereo_calibration import RigSource
-from device.stereo_rig import StereoEye
 from device.store import NewRecording, Store
 from device.surveys.anomaly_live import LIMIT_S, AnomalyLive, PairWorker
 from device.surveys.anomaly_scan import concluded, refused

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Any
 
+from device.anomaly.rig import StereoEye
 from device.errors import Closed, DeviceError
 from device.prompts import PROMPTS
-from device.stereo_rig import StereoEye
 from device.surveys.anomaly_work import work
 from device.workers import Workers
 

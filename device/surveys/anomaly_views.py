@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device.anomaly_picture import Picture, deviation_overlay, wall_colours
+from device.anomaly.picture import Picture, deviation_overlay, wall_colours
 from device.json_text import dumps
 from device.pictures import encode_jpeg
 from estimators.anomaly.deviation import DeviationMap

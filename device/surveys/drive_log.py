@@ -6,8 +6,8 @@ from dataclasses import asdict, fields
 from functools import partial
 from typing import Any
 
-from device.detectors import Detector
 from device.feed import GrabberFeed
+from device.landmarks.detectors import Detector
 from device.recorder import Recorder
 from device.recorder.developing import DevelopingTap
 from device.recorder.samples import Words

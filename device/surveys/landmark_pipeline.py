@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device.detectors import Detector
-from device.landmark_overlay import Mark, Scene
+from device.landmarks.detectors import Detector
+from device.landmarks.overlay import Mark, Scene
 from device.surveys.landmark_smoothing import Mapped, smooth_drive
 from device.surveys.looking import Look, Looking
 from drivers.grabber.base import VideoFrame

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from device.bus import Bus
-from device.crawler import Crawler
 from device.errors import Busy, DeviceError, Invalid, NotFound, StorageFull
 from device.feed import Feed
-from device.heatmaps import Heatmaps
-from device.landmark_overlay import draw
+from device.landmarks.crawler import Crawler
+from device.landmarks.heatmaps import Heatmaps
+from device.landmarks.overlay import draw
 from device.notify import Turns
 from device.pictures import PictureCache, encode_jpeg
 from device.prompts import PROMPTS

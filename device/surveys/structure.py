@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from device.bus import Bus
-from device.chamber_rig import ChamberRig
 from device.errors import Busy, DeviceError, EstimateFailed, Invalid, StorageFull
 from device.notify import Turns
 from device.prompts import PROMPTS
@@ -21,6 +20,7 @@ from device.recorder.chamber import scan_as_recorded
 from device.recorder.samples import Words
 from device.recorder.versions import versions
 from device.store import Store
+from device.structure.rig import ChamberRig
 from device.surveys.in_order import Event, InOrder
 from device.surveys.landmarks import feed_json
 from device.surveys.structure_course import Course, CourseSetup, verdict

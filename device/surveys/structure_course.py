@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device.chamber_rig import ChamberRig
-from device.structure_database import shipped_knowledge
-from device.structure_run import feed
-from device.structure_told import consistent, told
+from device.structure.database import shipped_knowledge
+from device.structure.rig import ChamberRig
+from device.structure.run import feed
+from device.structure.told import consistent, told
 from device.surveys.in_order import Event
 from drivers.navigation.readings import Attitude, Depth, Velocity
 from drivers.navigation.scans import Scan

@@ -22,15 +22,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from device.detectors import Detector
 from device.fcdd.detector import shipped_detector
 from device.json_text import dumps
-from device.landmark_overlay import draw
+from device.landmarks.detectors import Detector
+from device.landmarks.overlay import draw
+from device.landmarks.virtual_crawler import VirtualRun
 from device.surveys import looking
 from device.surveys.landmark_json import landmark_json
 from device.surveys.landmark_pipeline import LandmarkPipeline
 from device.surveys.recorded_way import RecordedWay
-from device.virtual_crawler import VirtualRun
 from drivers.base import EndOfRecording
 from drivers.grabber.base import VideoFrame
 from drivers.registry import open_grabber

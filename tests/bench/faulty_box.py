@@ -142,8 +142,8 @@ def _serve(folder: Path, live_hz: float, fps: float, film_s: float) -> None:
 
     from device.config import Settings
     from device.daemon import Device
+    from device.landmarks.virtual_crawler import virtual_crawler
     from device.memory import share_heaps
-    from device.virtual_crawler import virtual_crawler
     from drivers.virtual.cameras import demo_bus
     from drivers.virtual.drive import demo_drive
     from drivers.virtual.faults import FaultScript

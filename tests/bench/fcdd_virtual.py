@@ -21,10 +21,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from device.detectors import EVERY
 from device.fcdd.detector import FcddDetector
 from device.fcdd.frames import shown_in
 from device.fcdd.model import load_model
+from device.landmarks.detectors import EVERY
 from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup
 from device.surveys.recorded_way import recorded_way
 from drivers.grabber.base import VideoFrame

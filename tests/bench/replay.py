@@ -30,16 +30,16 @@ from numpy.typing import NDArray
 
 from device.clock import Clock
 from device.config import RecordingSettings, Settings
-from device.crawler import Crawler, Optics
 from device.daemon import Device
 from device.fcdd.detector import shipped_detector
 from device.feed import EncoderFeed, GrabberFeed
+from device.landmarks.crawler import Crawler, Optics
+from device.landmarks.tether import Tether
 from device.recorder.names import Name, recordings_in
 from device.recorder.reader import open_recording
 from device.recorder.recovery import check, recover
-from device.replay import replay
+from device.replay.survey import replay
 from device.store import Store
-from device.tether import Tether
 from device.workers import WorkerPool
 from drivers.encoder.base import Encoder, Reading
 from drivers.grabber.base import FrameGrabber, VideoFrame

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from device.anomaly_picture import deviation_overlay
+from device.anomaly.picture import deviation_overlay
 from device.surveys.anomaly_result import inspect
 from drivers.stereo.replay import PairEntry, PairFolder, pair_folder, read_pair
 from estimators.anomaly.pair import PairFindings

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from device.structure_database import shipped_knowledge
-from device.structure_run import VirtualChamber
+from device.structure.database import shipped_knowledge
+from device.structure.run import VirtualChamber
 from drivers.virtual.chamber.structure import load_structure
 from estimators.structure.apart import take_apart
 from estimators.structure.recognition import describe, nearest_class

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device.structure_database import looked_at, states
+from device.structure.database import looked_at, states
 from estimators.structure.cloud import surface_of, thinned
 from estimators.structure.cvfh import cvfh
 from estimators.structure.recognition import DescriptorSettings

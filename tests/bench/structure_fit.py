@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from device.structure_database import save_knowledge, views
-from device.structure_run import VirtualChamber
+from device.structure.database import save_knowledge, views
+from device.structure.run import VirtualChamber
 from drivers.virtual.chamber.structure import Structure
 from drivers.virtual.chamber.variations import varied
 from estimators.structure.apart import take_apart, undistorted

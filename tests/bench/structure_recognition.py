@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from device.json_text import dumps
-from device.structure_database import shipped_knowledge
-from device.structure_run import Run, VirtualChamber, run_events
-from device.structure_scores import accuracy, confusion_tables, errors, f1_scores, matching, mean_f1, scores
+from device.structure.database import shipped_knowledge
+from device.structure.run import Run, VirtualChamber, run_events
+from device.structure.scores import accuracy, confusion_tables, errors, f1_scores, matching, mean_f1, scores
 from drivers.virtual.chamber.structure import Structure, load_structure, structure_of
 from drivers.virtual.chamber.variations import varied
 from estimators.structure.types import CLASSES

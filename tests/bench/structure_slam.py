@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from device.structure_database import shipped_knowledge
-from device.structure_run import Reckoner, VirtualChamber, feed
-from device.structure_scores import matching, rms
+from device.structure.database import shipped_knowledge
+from device.structure.run import Reckoner, VirtualChamber, feed
+from device.structure.scores import matching, rms
 from drivers.navigation.readings import Attitude, Depth, NavReading, Velocity
 from drivers.virtual.chamber.navigation import navigation_log
 from drivers.virtual.chamber.structure import load_structure

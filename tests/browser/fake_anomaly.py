@@ -78,7 +78,7 @@ def pair_result(**other: Any) -> Json:
 
 
 class FakeAnomaly:
-    """The facade of ``device.anomaly_desk.AnomalyDesk``."""
+    """The facade of ``device.anomaly.desk.AnomalyDesk``."""
 
     def __init__(self, bus: Bus, number: Any) -> None:
         self._bus = bus

@@ -11,8 +11,8 @@ from typing import Any
 
 from device.bus import Bus
 from device.errors import Invalid, NotFound
-from device.structure_export import MIME, map_bytes
-from device.structure_json import truth_json
+from device.structure.as_json import truth_json
+from device.structure.export import MIME, map_bytes
 from drivers.virtual.chamber.structure import load_structure
 from estimators.structure.types import CLASSES
 
@@ -91,7 +91,7 @@ def part_of(count: int) -> Json:
 
 
 class FakeStructure:
-    """The facade of ``device.structure_desk.StructureDesk``."""
+    """The facade of ``device.structure.desk.StructureDesk``."""
 
     def __init__(self, bus: Bus, first: int = 901) -> None:
         self._bus = bus

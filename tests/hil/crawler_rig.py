@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from device.clock import Clock
 from device.config import Settings
-from device.crawler import Crawler, Optics
 from device.daemon import Device
 from device.feed import EncoderFeed, GrabberFeed
+from device.landmarks.crawler import Crawler, Optics
+from device.landmarks.tether import Tether
 from device.reader import FeedTiming
 from device.store import Store
-from device.tether import Tether
 from device.workers import WorkerPool
 from drivers.base import FrameTimeout, SensorLost
 from drivers.encoder.base import Encoder, Reading

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from device.anomaly.calibration import RigSource
+from device.anomaly.rig import StereoEye
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
 from device.feed import StereoFeed
 from device.recorder.export import export_recording
-from device.replay import replay
-from device.stereo_calibration import RigSource
-from device.stereo_rig import StereoEye
+from device.replay.survey import replay
 from device.surveys.anomaly_views import unpacked
 from device.workers import WorkerPool
 from drivers.stereo.replay import pair_folder, read_pair

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import device.crawlers
+import device.landmarks.crawlers
 from device.clock import Clock
 from device.config import CrawlerSettings, Settings
 from device.daemon import Device
@@ -48,7 +48,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def test_a_drive_is_placed_by_the_distance_in_its_pictures(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device.crawlers, "OsdReader", Stripes)
+    monkeypatch.setattr(device.landmarks.crawlers, "OsdReader", Stripes)
     crawler = CrawlerSettings(grabber="video", grabber_source=str(run), encoder="osd", focal_px=(170.0, 170.0), radius_m=0.15)
     settings = Settings(data_dir=tmp_path / "data", pin=PIN, crawler=crawler)
     box = Device(settings, feeds=[], pool=WorkerPool(1), clock=Clock(tmp_path / "x"))

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from device.clock import iso
-from device.replay import replay
+from device.replay.survey import replay
 from tests.hil.crawler_rig import Bench
 from tests.hil.test_drive import THINGS, check, end, parked
 from tests.unit.test_house import ROOT, sources

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import pytest
 
-import device.map_live
+import device.landmarks.live_command
 from device.cli import main
 from device.surveys.landmark_pipeline import LandmarkPipeline
 from tests.hil.crawler_rig import CAMERA, PipePictures
@@ -61,7 +61,7 @@ def test_a_drive_until_ctrl_c_is_mapped(
         return seen(self, *arguments)
 
     monkeypatch.setattr(LandmarkPipeline, "step", step)
-    monkeypatch.setattr(device.map_live, "shipped_detector", lambda *_, **__: Nobody())
+    monkeypatch.setattr(device.landmarks.live_command, "shipped_detector", lambda *_, **__: Nobody())
     with pytest.raises(SystemExit) as left:
         main(
             ["map", "--grabber", stream(tmp_path), "--encoder", "pattern", "--port", wheel.wire.port, "--pattern", LINE,

@@ -11,7 +11,7 @@ from device.cli import _run
 from device.recorder.policy import MB
 from device.recorder.reader import open_recording
 from device.recorder.recovery import check
-from device.replay import replay
+from device.replay.survey import replay
 from device.surveys.topics import FINDINGS, FRAMES, PROMPTED, STEPS
 from tests.hil import crawler_rig, rig
 from tests.hil.crawler_rig import Thing

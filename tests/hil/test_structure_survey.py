@@ -14,9 +14,9 @@ from device.clock import Clock
 from device.config import Settings, StructureSettings
 from device.daemon import Device
 from device.errors import Busy, Invalid
-from device.replay import replay
+from device.replay.survey import replay
 from device.store import Store
-from device.structure_export import KINDS
+from device.structure.export import KINDS
 from device.surveys.structure_course import Course, CourseSetup
 from drivers.navigation.readings import Attitude
 from drivers.navigation.scans import Scan

@@ -11,8 +11,8 @@ import pytest
 from device.autonomy import Condition, Rules
 from device.autonomy_loop import Unattended, sentence
 from device.clock import Clock
-from device.crawler import Crawler
 from device.errors import StorageFull
+from device.landmarks.crawler import Crawler
 from device.store import Store
 from device.store.journal import LastTime
 from tests.unit.test_store import result

@@ -10,9 +10,9 @@ import pytest
 
 from device.clock import Clock
 from device.config import CrawlerSettings, Settings
-from device.crawler import Crawler
-from device.crawlers import make_crawler
 from device.errors import Invalid
+from device.landmarks.crawler import Crawler
+from device.landmarks.crawlers import make_crawler
 from device.store import Store
 
 PICTURE = np.full((48, 64, 3), 90, np.uint8)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from device.health import Health, Limits, Machine, Power, UsbCamera, concerns, power
-from device.health_machine import MachineReader, beacons
+from device.health.machine import MachineReader, beacons
+from device.health.readings import Health, Limits, Machine, Power, UsbCamera, concerns, power
 from device.prompts import PROMPTS
 from tests.unit.machine_of_fakes import RADIO, FakeMachine
 
@@ -61,7 +61,7 @@ def test_garbage_from_the_machine_counts_as_nothing(machine: FakeMachine) -> Non
 
 
 def test_a_helper_that_hangs_does_not_hold_up_the_reading(machine: FakeMachine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("device.health_machine._PATIENCE_S", 0.1)
+    monkeypatch.setattr("device.health.machine._PATIENCE_S", 0.1)
     machine.says("vcgencmd", "throttled=0x0", takes_s=5)
     assert MachineReader(machine.settings).run(machine.settings.vcgencmd, "get_throttled", patience_s=0.1) is None
 

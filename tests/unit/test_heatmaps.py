@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from device.errors import Invalid
-from device.heatmaps import Heatmaps, painted
+from device.landmarks.heatmaps import Heatmaps, painted
 from estimators.detections import CLASSES
 
 

@@ -16,8 +16,8 @@ from device.errors import Invalid
 from device.feed import EncoderFeed, GrabberFeed
 from device.lamp import LampKeeper
 from device.lamp_control import LampControl, LampRules, exposure
+from device.landmarks.tether import Tether
 from device.store import Store
-from device.tether import Tether
 from drivers.base import SensorLost, SensorMissing
 from drivers.lamp.base import Lamp
 from drivers.lamp.pwm import PwmLamp

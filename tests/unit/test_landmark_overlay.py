@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from device.landmark_overlay import Mark, Scene, draw
+from device.landmarks.overlay import Mark, Scene, draw
 from estimators.landmarks.projection import PipeCamera, View, project
 
 CAMERA = PipeCamera(400.0, 400.0, 0.15, 320, 240)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from device.errors import Invalid
-from device.map_picture import COLORS, map_picture, save_map_picture
+from device.landmarks.picture import COLORS, map_picture, save_map_picture
 
 
 def landmark(label: str, chainage: float, clock: float | None, to: float | None = None, clock_to: float | None = None) -> Any:

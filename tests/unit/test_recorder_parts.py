@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from device.errors import Invalid
 from device.recorder.developing import DevelopingTap
 from device.recorder.samples import Picture, picture
-from device.replay_compare import differences, plain_json
-from device.replay_drive import Again, DriveReplay, SaidThen
+from device.replay.compare import differences, plain_json
+from device.replay.drive import Again, DriveReplay, SaidThen
 from device.surveys.take import Take
 from device.tap import Tap
 from drivers.grabber.base import VideoFrame

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from device.structure_database import looked_at, shipped_knowledge, view_directions
+from device.structure.database import looked_at, shipped_knowledge, view_directions
 from estimators.structure.cloud import Surface, surface_of, thinned
 from estimators.structure.cvfh import BINS, cvfh, vfh
 from estimators.structure.fusion import fused

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from device.structure_database import shipped_knowledge
+from device.structure.database import shipped_knowledge
 from estimators.structure.mapper import StructureMapper
 from estimators.structure.types import Array, Parts, Sighting
 from estimators.structure.vehicle import SensorMount

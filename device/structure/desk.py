@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from device.bus import Bus
-from device.chamber_rig import ChamberRig
 from device.errors import Invalid
 from device.notify import Turns
 from device.recorder import Shelf
 from device.store import Store
+from device.structure.rig import ChamberRig
 from device.surveys.structure import StructureSurvey
 
 _JSON = dict[str, Any]
@@ -97,7 +97,7 @@ class StructureDesk:
 
     def file(self, survey_id: int, kind: str) -> tuple[bytes, str, str]:
         """(data, file name, MIME type) of the map as "json" graph, "ply" or "glb"."""
-        from device.structure_export import MIME, map_bytes
+        from device.structure.export import MIME, map_bytes
 
         if kind not in FORMATS:
             raise Invalid(f"There is no format {kind}: there are {', '.join(FORMATS)}.")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from device.structure_run import Run, VirtualChamber
+from device.structure.run import Run, VirtualChamber
 from drivers.virtual.chamber.objects import CLASSES
 from drivers.virtual.chamber.structure import Pipe, Structure
 from estimators.structure.graph import MapPipe, StructureMap

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from device.detectors import Detector, NoDetector
 from device.feed import Feed, GrabberFeed
-from device.tether import Tether
+from device.landmarks.detectors import Detector, NoDetector
+from device.landmarks.tether import Tether
 from drivers.encoder.base import Encoder
 from drivers.lamp.base import Lamp
 

@@ -13,8 +13,8 @@ from typing import Any
 from device.bus import Bus
 from device.clock import Clock
 from device.feed import Feed
-from device.health import Health, HotspotState, SensorHealth, concerns
-from device.health_machine import MachineReader
+from device.health.machine import MachineReader
+from device.health.readings import Health, HotspotState, SensorHealth, concerns
 from device.memory import give_back
 from device.prompts import PROMPTS
 

@@ -1,4 +1,4 @@
-"""How the box itself is: the readings, and which of them somebody has to be told of. ``health_machine`` does the asking."""
+"""How the box itself is: the readings, and which of them somebody has to be told of. ``machine`` does the asking."""
 
 from __future__ import annotations
 

@@ -7,14 +7,14 @@ from functools import partial
 from typing import Any
 
 from device.config import CrawlerSettings, LampSettings, Settings
-from device.crawler import Crawler, Optics
-from device.detectors import Detector
 from device.errors import Invalid
 from device.feed import EncoderFeed, GrabberFeed
+from device.landmarks.crawler import Crawler, Optics
+from device.landmarks.detectors import Detector
+from device.landmarks.tether import Tether
 from device.reader import FeedTiming
 from device.store import Store
 from device.surveys.landmark_pipeline import LEAST_RATE
-from device.tether import Tether
 from drivers.base import DriverError
 from drivers.encoder.base import Encoder
 from drivers.encoder.osd import OsdEncoder, OsdReader
@@ -33,7 +33,7 @@ def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]
     if crawler.grabber == "virtual" or crawler.encoder == "virtual":
         if (crawler.grabber, crawler.encoder) != ("virtual", "virtual"):
             raise Invalid("The virtual grabber and the virtual encoder go together.")
-        from device.virtual_crawler import virtual_crawler  # it draws in the whole virtual sewer
+        from device.landmarks.virtual_crawler import virtual_crawler  # it draws in the whole virtual sewer
 
         return virtual_crawler(settings.virtual_seed, store, on_change)
     rate = _recorded_rate(crawler)

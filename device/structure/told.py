@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device.structure_json import map_json, suggestion_json
+from device.structure.as_json import map_json, suggestion_json
 from estimators.structure.graph import StructureMap
 from estimators.structure.mapper import StructureMapper
 from estimators.structure.next_view import SURE, next_view

@@ -12,7 +12,7 @@ import click
 from device.errors import Invalid
 from device.fcdd.detector import shipped_detector
 from device.feed import EncoderFeed, Feed, GrabberFeed
-from device.map_command import Map, finished, warn
+from device.landmarks.command import Map, finished, warn
 from device.prompts import PROMPTS
 from device.surveys.drive_faults import FaultWatch
 from device.surveys.landmark_pipeline import LandmarkPipeline
@@ -26,7 +26,7 @@ from drivers.grabber.base import VideoFrame
 from drivers.registry import open_encoder, open_grabber
 
 if TYPE_CHECKING:
-    from device.map_command import Options
+    from device.landmarks.command import Options
 
 FIRST_S = 15.0
 """How long a source may take until its first picture or reading."""

@@ -1,4 +1,4 @@
-"""The semantic map, as ``structure_told`` states it, as files for other programs: a JSON graph, PLY and glTF meshes."""
+"""The semantic map, as ``told`` states it, as files for other programs: a JSON graph, PLY and glTF meshes."""
 
 from __future__ import annotations
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from device.anomaly.rig import StereoEye
 from device.bus import Bus
 from device.config import StereoSettings
 from device.errors import Invalid, NotFound
 from device.feed import Feed, StereoFeed
+from device.landmarks.tether import Tether
 from device.notify import Turns
 from device.pictures import PictureCache
 from device.recorder import Shelf
-from device.stereo_rig import StereoEye
 from device.store import Store
 from device.surveys.anomaly import AnomalySurvey, reference_jpeg
 from device.surveys.anomaly_live import AnomalyLive, PairWorker
 from device.surveys.anomaly_views import map_json, unpacked, wall_png
 from device.surveys.landmarks import feed_json
-from device.tether import Tether
 
 _JSON = dict[str, Any]
 NO_CAMERA = "This box has no stereo camera: name one in its settings."

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from device.crawler import Crawler, Optics
 from device.feed import EncoderFeed, GrabberFeed
+from device.landmarks.crawler import Crawler, Optics
+from device.landmarks.tether import Tether
 from device.store import Store
 from device.surveys.landmark_pipeline import PipelineSetup
 from device.surveys.recorded_way import RecordedWay, recorded_way
-from device.tether import Tether
 from drivers.base import EndOfRecording
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame

@@ -12,12 +12,12 @@ from typing import Any
 
 import click
 
-from device.detections_file import read_detections, read_rig
-from device.detectors import EVERY, Detector
 from device.errors import Invalid
 from device.json_text import dumps
-from device.map_output import print_map
-from device.map_picture import save_map_picture
+from device.landmarks.detections_file import read_detections, read_rig
+from device.landmarks.detectors import EVERY, Detector
+from device.landmarks.output import print_map
+from device.landmarks.picture import save_map_picture
 from device.prompts import PROMPTS
 from device.surveys.drive_faults import FaultWatch
 from device.surveys.landmark_json import landmark_json
@@ -66,7 +66,7 @@ def map_pipe(**options: Any) -> int:
     wanted.check()
     begun = time.monotonic()
     if wanted.grabber is not None:
-        from device.map_live import map_live  # threads and ports, which a recording does without
+        from device.landmarks.live_command import map_live  # threads and ports, which a recording does without
 
         found = map_live(wanted)
     else:
@@ -191,7 +191,7 @@ def _from_detections(wanted: Options) -> Map:
 def _recording(wanted: Options) -> Map:
     """A recording, or the virtual drive, from its first frame to its last."""
     if wanted.virtual:
-        from device.virtual_crawler import VirtualRun  # it draws in the whole virtual sewer
+        from device.landmarks.virtual_crawler import VirtualRun  # it draws in the whole virtual sewer
 
         run = VirtualRun(wanted.seed)
         return map_frames(run.frames(), run.frame_count, run.way(), run.setup(), run.detector(), wanted.length)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from device.errors import Invalid
 from device.recorder.reader import HEAD_TOPIC, Entry, Recording, open_recording
 from device.recorder.versions import versions
-from device.replay_compare import Difference, differences, plain_json
+from device.replay.compare import Difference, differences, plain_json
 from device.surveys.topics import FINDINGS
 
 
@@ -124,19 +124,19 @@ def replay(path: Path, options: Options | None = None, after_step: Callable[[str
 def _survey(recording: Recording, options: Options) -> Replay:
     kind = recording.head.get("kind")
     if kind == "diameter":
-        from device.replay_diameter import DiameterReplay
+        from device.replay.diameter import DiameterReplay
 
         return DiameterReplay(recording.head, options.workers)
     if kind == "landmarks":
-        from device.replay_drive import DriveReplay
+        from device.replay.drive import DriveReplay
 
         return DriveReplay(recording.head, options.model, options.recorded_detections)
     if kind == "anomaly":
-        from device.replay_anomaly import AnomalyReplay
+        from device.replay.anomaly import AnomalyReplay
 
         return AnomalyReplay(recording.head)
     if kind == "structure":
-        from device.replay_structure import StructureReplay
+        from device.replay.structure import StructureReplay
 
         return StructureReplay(recording.head)
     raise Invalid(f"A survey of the kind {kind!r} cannot be computed again by this program.")

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from device.config import MachineSettings
-from device.health import HotspotState, Machine, Power, UsbCamera, power
+from device.health.readings import HotspotState, Machine, Power, UsbCamera, power
 
 log = logging.getLogger(__name__)
 

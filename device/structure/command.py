@@ -13,7 +13,7 @@ import numpy as np
 
 from device.errors import Invalid
 from device.json_text import dumps
-from device.map_command import progress
+from device.landmarks.command import progress
 from estimators.structure.types import PIPE_RADIUS
 
 PAPER = "paper"
@@ -54,7 +54,7 @@ def structure(
         raise Invalid(f"The option --pipe-radius takes 0.01 to 0.064 m, not {pipe_radius:g}.")
     if navigation is not None and scans is None:
         raise Invalid("The option --navigation goes with --scans.")
-    from device.structure_export import check_export, export_map  # what --help does without
+    from device.structure.export import check_export, export_map  # what --help does without
 
     for path in exported:
         check_export(path)
@@ -71,17 +71,17 @@ def structure(
     if as_json:
         click.echo(dumps(told))
     else:
-        from device.structure_output import print_structure
+        from device.structure.output import print_structure
 
         print_structure(told)
     return 0
 
 
 def _virtual(file: Path | None, seed: int, first: int | None, upright: bool, radius: float | None) -> dict[str, Any]:
-    from device.structure_database import shipped_knowledge
-    from device.structure_json import truth_json
-    from device.structure_run import VirtualChamber, run_events
-    from device.structure_scores import scores
+    from device.structure.as_json import truth_json
+    from device.structure.database import shipped_knowledge
+    from device.structure.run import VirtualChamber, run_events
+    from device.structure.scores import scores
     from drivers.virtual.chamber.structure import load_structure
 
     chamber = VirtualChamber(load_structure(file), seed)
@@ -103,8 +103,8 @@ def _virtual(file: Path | None, seed: int, first: int | None, upright: bool, rad
 
 
 def _recorded(folder: Path, log: Path, first: int | None, upright: bool, radius: float | None) -> dict[str, Any]:
-    from device.structure_database import shipped_knowledge
-    from device.structure_run import recorded_mapper, run_events
+    from device.structure.database import shipped_knowledge
+    from device.structure.run import recorded_mapper, run_events
     from drivers.navigation.recorded import merged_events, read_log, scan_files
 
     header, readings = read_log(log)
@@ -127,7 +127,7 @@ def _settings(upright: bool, radius: float) -> Any:
 
 
 def _of_run(run: Any, found: Any, states: Any) -> dict[str, Any]:
-    from device.structure_told import told
+    from device.structure.told import told
 
     return {
         **told(run.mapper, found, run.track.times, states),

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from device.anomaly.calibration import RigSource, load_calibration
 from device.config import StereoSettings
 from device.errors import Invalid
 from device.feed import StereoFeed
-from device.stereo_calibration import RigSource, load_calibration
 from drivers.base import DriverError
 from drivers.registry import open_stereo_camera
 

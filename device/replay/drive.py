@@ -6,8 +6,8 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from device.detectors import Detector, NoDetector
 from device.errors import Invalid
+from device.landmarks.detectors import Detector, NoDetector
 from device.recorder.reader import Entry
 from device.recorder.samples import Picture
 from device.surveys.drive_findings import Marks, filtered_rows, findings

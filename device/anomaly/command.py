@@ -11,10 +11,10 @@ import click
 import cv2
 import numpy as np
 
-from device.anomaly_picture import deviation_overlay, heat_map
+from device.anomaly.calibration import RigSource, load_calibration
+from device.anomaly.picture import deviation_overlay, heat_map
 from device.errors import Invalid
 from device.json_text import dumps
-from device.stereo_calibration import RigSource, load_calibration
 from device.surveys.anomaly_result import inspect, refused
 from drivers.base import DriverError
 from drivers.registry import open_stereo_camera

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from device.json_text import dumps
-from device.replay import Options, Outcome, replay
+from device.replay.survey import Options, Outcome, replay
 
 _SHOWN = 20
 

@@ -1,0 +1,1 @@
+"""How the box itself is: read, judged, told."""

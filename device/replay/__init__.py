@@ -1,0 +1,1 @@
+"""Recorded surveys computed again and compared with what they found."""
