@@ -16,9 +16,10 @@ pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed")
 import pyrealsense2 as rs
 
 from drivers.base import BadFrame, FrameTimeout, SensorLost, SensorMissing
-from drivers.depth import librealsense
+from drivers.depth import session
 from drivers.depth.base import DepthSettings
-from drivers.depth.librealsense import LibrealsenseCamera, intrinsics_of
+from drivers.depth.librealsense import LibrealsenseCamera
+from drivers.depth.session import intrinsics_of
 from tests.unit.depth_camera_contract import READ_S, LiveCameraContract
 from tests.unit.software_camera import SERIAL, SoftwareModule, SoftwareRig
 
@@ -226,8 +227,8 @@ def test_an_unknown_fault_while_reading_is_a_lost_camera() -> None:
 
 
 def test_a_library_call_that_hangs_does_not_hang_the_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(librealsense, "START_SECONDS", 0.2)
-    monkeypatch.setattr(librealsense, "STOP_SECONDS", 0.2)
+    monkeypatch.setattr(session, "START_SECONDS", 0.2)
+    monkeypatch.setattr(session, "STOP_SECONDS", 0.2)
     release, stopped = threading.Event(), threading.Event()
 
     def hang() -> None:
@@ -242,7 +243,7 @@ def test_a_library_call_that_hangs_does_not_hang_the_driver(monkeypatch: pytest.
     assert stopped.wait(5.0), "a pipeline that starts too late must be stopped, or it keeps the camera"
 
     release.clear()
-    monkeypatch.setattr(librealsense, "HANG_SECONDS", 0.2)
+    monkeypatch.setattr(session, "HANG_SECONDS", 0.2)
     camera = _opened(wait=lambda ms: hang())
     started = time.monotonic()
     with pytest.raises(SensorLost, match="hangs"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.base import BadFrame, SensorLost
-from drivers.depth import librealsense
+from drivers.depth import session
 from drivers.depth.base import DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera
 from drivers.registry import open_depth_cameras
@@ -86,7 +86,7 @@ def test_colour_comes_beside_depth(stereo: VirtualRig) -> None:
 def test_faults_are_exceptions_of_the_driver(
     stereo: VirtualRig, fault: str, error: type[Exception], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(librealsense, "HANG_SECONDS", 0.3)
+    monkeypatch.setattr(session, "HANG_SECONDS", 0.3)
     stereo.camera.open()
     stereo.camera.read(READ_S)
     stereo.twin.faults.trigger(fault)
