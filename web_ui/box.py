@@ -16,11 +16,11 @@ def blueprint(device: "Device") -> Blueprint:
 
     @box.get("/health")
     def page() -> str:
-        return render_template("health.html", health=device.health.readings(), lamp=device.status()["lamp"])
+        return render_template("health.html", health=device.health(), lamp=device.status()["lamp"])
 
     @box.get("/api/v1/health")
     def health() -> Response:
-        return jsonify(device.health.readings())
+        return jsonify(device.health())
 
     @box.get("/api/v1/lamp")
     def lamp() -> Response:

@@ -24,15 +24,15 @@ def test_a_silent_hotspot_is_noticed_and_started_anew(tmp_path: Path) -> None:
     ear = device.subscribe()
     device.start()
     try:
-        assert eventually(lambda: device.health.readings()["machine"]["hotspot"] == "up")
-        assert device.health.readings()["machine"]["wifi_clients"] == 2
+        assert eventually(lambda: device.health()["machine"]["hotspot"] == "up")
+        assert device.health()["machine"]["wifi_clients"] == 2
         machine.says("iw", RADIO.replace("type AP", "type managed"))
         assert eventually(lambda: [p["code"] for p in device.status()["prompts"]] == ["hotspot_silent"], 20)
         assert eventually(lambda: "nmcli connection up borescout" in machine.calls, 20)
         assert machine.calls.index("nmcli connection down borescout") < machine.calls.index("nmcli connection up borescout")
         machine.says("iw", RADIO)
         assert eventually(lambda: device.status()["prompts"] == [], 20)
-        assert device.health.readings()["hotspot_restored"] == 1
+        assert device.health()["hotspot_restored"] == 1
         codes = set()
         while (event := ear.get(0.1)) is not None:
             if event.name == "prompt":
