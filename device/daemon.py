@@ -111,6 +111,7 @@ class Device:
             self._store.close()
             self._lock_file.close()
             raise
+        self.places = self._store.places
         self.inspections = Desk(self._store, self._clock)
         self._shelf = Shelf(
             settings.data_dir / FOLDER,
@@ -344,40 +345,6 @@ class Device:
         if kind not in PICTURE_KINDS:
             raise Invalid("There are pictures of depth and of color.")
         return self._store.surveys.picture(survey_id, kind)
-
-    # Wells and pipes
-
-    def nodes(self) -> list[dict[str, Any]]:
-        """Every node: {"id", "name", "site"}."""
-        return self._store.places.nodes()
-
-    def create_node(self, name: str) -> dict[str, Any]:
-        """A new node. Raises Invalid."""
-        return self._store.places.create_node(name)
-
-    def update_node(self, node_id: int, data: dict[str, Any]) -> dict[str, Any]:
-        """Change what ``data`` names. Raises NotFound, Invalid."""
-        return self._store.places.update_node(node_id, data)
-
-    def update_site(self, data: dict[str, Any]) -> dict[str, Any]:
-        """Change the site's name or the reference system of its nodes. Raises Invalid."""
-        return self._store.places.update_site(data)
-
-    def pipes(self) -> list[dict[str, Any]]:
-        """Every pipe: {"id", "name", "start_node", "end_node", "material", "shape", "reference_dn", "note"}."""
-        return self._store.places.pipes()
-
-    def create_pipe(self, data: dict[str, Any]) -> dict[str, Any]:
-        """A new pipe. Raises Invalid."""
-        return self._store.places.create_pipe(data)
-
-    def update_pipe(self, pipe_id: int, data: dict[str, Any]) -> dict[str, Any]:
-        """Change what ``data`` names. Raises NotFound, Invalid."""
-        return self._store.places.update_pipe(pipe_id, data)
-
-    def delete_pipe(self, pipe_id: int) -> None:
-        """Take the pipe off the list; its surveys stay. Raises NotFound."""
-        self._store.places.delete_pipe(pipe_id)
 
     # Surveys
 

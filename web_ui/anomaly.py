@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from flask import Blueprint, Response, jsonify, render_template
 
-from web_ui import bodies
+from web_ui import bodies, site_bodies
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -23,11 +23,11 @@ def blueprint(device: "Device") -> Blueprint:
         return render_template(
             "anomaly.html",
             anomaly=device.anomaly.look(),
-            pipes=device.pipes(),
-            nodes=device.nodes(),
+            pipes=device.places.pipes(),
+            nodes=device.places.nodes(),
             chosen=bodies.read_query(bodies.MeasureQuery).pipe,
-            materials=bodies.MATERIALS,
-            shapes=bodies.SHAPES,
+            materials=site_bodies.MATERIALS,
+            shapes=site_bodies.SHAPES,
         )
 
     @anomaly.get(_API)

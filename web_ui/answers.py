@@ -202,6 +202,14 @@ class Node(Answer):
     level: float | None
 
 
+class Judged(Answer):
+    """An identifier: what forbids it, or null, and what to look at before it is kept."""
+
+    name: str
+    error: str | None
+    warnings: list[str]
+
+
 class Pipe(Answer):
     """A pipe between two nodes."""
 

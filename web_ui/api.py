@@ -33,33 +33,6 @@ def blueprint(device: "Device") -> Blueprint:
     def cloud() -> Response:
         return jsonify(device.cloud(bodies.read_query(bodies.CloudQuery).survey_id))
 
-    @api.get("/nodes")
-    def nodes() -> Response:
-        return jsonify(device.nodes())
-
-    @api.post("/nodes")
-    def create_node() -> tuple[Response, int]:
-        return jsonify(device.create_node(bodies.read(bodies.NodeBody).name)), 201
-
-    @api.get("/pipes")
-    def pipes() -> Response:
-        return jsonify(device.pipes())
-
-    @api.post("/pipes")
-    def create_pipe() -> tuple[Response, int]:
-        return jsonify(device.create_pipe(bodies.read(bodies.PipeBody).model_dump())), 201
-
-    @api.patch(f"/pipes/{_ID}")
-    def update_pipe(number: int) -> Response:
-        change = bodies.read(bodies.PipeChange).model_dump(exclude_unset=True)
-        return jsonify(device.update_pipe(number, change))
-
-    @api.delete(f"/pipes/{_ID}")
-    def delete_pipe(number: int) -> Response:
-        bodies.read(bodies.Empty)
-        device.delete_pipe(number)
-        return Response(status=204)
-
     @api.post("/measure")
     def measure() -> tuple[Response, int]:
         body = bodies.read(bodies.MeasureBody)

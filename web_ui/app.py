@@ -7,7 +7,22 @@ from flask import Flask
 from flask.json.provider import DefaultJSONProvider
 
 from device.json_text import dumps
-from web_ui import alone, anomaly, api, box, captive, events, faults, guards, inspecting, pages, recordings, session, structure
+from web_ui import (
+    alone,
+    anomaly,
+    api,
+    box,
+    captive,
+    events,
+    faults,
+    guards,
+    inspecting,
+    pages,
+    recordings,
+    session,
+    site,
+    structure,
+)
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -42,6 +57,7 @@ def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_
     app.register_blueprint(alone.blueprint(device))
     app.register_blueprint(anomaly.blueprint(device))
     app.register_blueprint(inspecting.blueprint(device))
+    app.register_blueprint(site.blueprint(device))
     app.register_blueprint(structure.blueprint(device))
     app.register_blueprint(captive.blueprint())
     return app

@@ -1,16 +1,12 @@
 """What comes in over HTTP, checked before the device sees it."""
 
-from typing import Annotated, Literal, TypeVar, get_args
+from typing import Annotated, Literal, TypeVar
 
 from flask import request
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 MAX_ID = 2**53 - 1  # the largest whole number JavaScript and SQLite both hold exactly
 
-Material = Literal["PVC", "concrete", "clay", "PE", "PP", "GRP", "ductile iron", "unknown"]
-Shape = Literal["circular", "egg", "oval", "other"]
-MATERIALS: tuple[str, ...] = get_args(Material)
-SHAPES: tuple[str, ...] = get_args(Shape)
 Position = Literal["entrance", "top", "middle"]
 Verdict = Literal["accept", "retry"]
 Direction = Literal["downstream", "upstream"]
@@ -46,8 +42,6 @@ Note = Annotated[str, Field(max_length=2000), AfterValidator(_note)]
 Chainage = Annotated[float, Field(ge=-1000, le=100_000, allow_inf_nan=False, description="m along the pipe")]
 Length = Annotated[float, Field(gt=0, le=100_000, allow_inf_nan=False, description="m")]
 Clock = Annotated[float, Field(gt=0, le=12, description="clock position, 12 at the crown")]
-ReferenceDn = Annotated[int, Field(ge=50, le=4000, description="nominal diameter on the map, mm")]
-PipeLength = Annotated[float, Field(gt=0, lt=10_000, allow_inf_nan=False)]
 
 
 class Body(BaseModel):
@@ -61,38 +55,6 @@ class PairBody(Body):
 
     pin: Annotated[str, Field(pattern=r"^[0-9]{6}$", description="six digits")]
     name: Annotated[str, Field(max_length=40), AfterValidator(one_line)] = ""
-
-
-class NodeBody(Body):
-    """A manhole or other node."""
-
-    name: Name
-
-
-class PipeBody(Body):
-    """A new pipe between two nodes."""
-
-    name: Name
-    start_node: Id | None = None
-    end_node: Id | None = None
-    material: Material = "unknown"
-    shape: Shape = "circular"
-    reference_dn: ReferenceDn | None = None
-    length_m: PipeLength | None = None
-    note: Note = ""
-
-
-class PipeChange(Body):
-    """The fields of a pipe to change; absent ones stay."""
-
-    name: Name = Field(default="")
-    start_node: Id | None = None
-    end_node: Id | None = None
-    material: Material = "unknown"
-    shape: Shape = "circular"
-    reference_dn: ReferenceDn | None = None
-    length_m: PipeLength | None = None
-    note: Note = ""
 
 
 class MeasureBody(Body):

@@ -26,7 +26,7 @@ def blueprint(device: "Device") -> Blueprint:
         return render_template(
             "inspections.html",
             inspections=device.inspections.all(query.pipe_id),
-            pipes=device.pipes(),
+            pipes=device.places.pipes(),
             chosen=query.pipe_id,
             deleted=deleted,
         )
@@ -123,18 +123,5 @@ def blueprint(device: "Device") -> Blueprint:
     @inspecting.get("/api/v1/observation-codes")
     def codes() -> Response:
         return jsonify(device.inspections.codes())
-
-    @inspecting.patch(f"/api/v1/nodes/{_ID}")
-    def update_node(number: int) -> Response:
-        return jsonify(device.update_node(number, bodies.read(wanted.NodeChange).model_dump(exclude_unset=True)))
-
-    @inspecting.patch("/api/v1/site")
-    def update_site() -> Response:
-        return jsonify(device.update_site(bodies.read(wanted.SiteChange).model_dump(exclude_unset=True)))
-
-    @inspecting.post("/api/v1/pipes/import")
-    def import_pipes() -> tuple[Response, int]:
-        body = bodies.read(wanted.PipeListBody)
-        return jsonify(device.inspections.import_pipes(body.text.encode(), body.file_name, body.crs)), 201
 
     return inspecting

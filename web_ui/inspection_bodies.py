@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from device.export.formats import NAMES
-from web_ui.bodies import MAX_ID, Body, Direction, Id, Line, Name, Note, one_line
+from web_ui.bodies import MAX_ID, Body, Direction, Id, Line, Note, one_line
 
 FORMATS = ("pdf", "zip", *(name for name in NAMES if name not in ("pdf", "zip")))
 """In the order of the page: what most people want first."""
@@ -74,30 +74,6 @@ class ObservationsBody(Body):
 
     observations: Annotated[list[ObservationBody], Field(max_length=2000)]
     by: Operator = ""
-
-
-class NodeChange(Body):
-    """The fields of a node to change; absent ones stay."""
-
-    name: Name = Field(default="")
-    easting: Coordinate | None = None
-    northing: Coordinate | None = None
-    level: Coordinate | None = None
-
-
-class SiteChange(Body):
-    """The fields of the site to change; absent ones stay."""
-
-    name: Name = Field(default="")
-    crs: Epsg | None = None
-
-
-class PipeListBody(Body):
-    """A pipe list; `file_name` tells CSV from GeoJSON by its ending."""
-
-    text: Annotated[str, Field(min_length=1, max_length=60_000)]
-    file_name: Line = "pipes.csv"
-    crs: Epsg | None = None
 
 
 class InspectionQuery(BaseModel):

@@ -15,6 +15,7 @@ from werkzeug.routing import Map, Rule
 
 from web_ui import access, answers, bodies
 from web_ui import inspection_bodies as wanted
+from web_ui import site_bodies as sites
 
 _PREFIX = "/api/v1"
 _REF = "#/components/schemas/"
@@ -55,12 +56,6 @@ ROUTES: dict[str, Told] = {
     "api.live": Told("The live estimate of the best camera, or null", answers.Live | None),
     "api.picture": Told("The newest picture", JPEG, query=bodies.PictureQuery),
     "api.cloud": Told("The point cloud of this moment or of a survey", answers.Cloud, query=bodies.CloudQuery, errors=(404,)),
-    "api.nodes": Told("All nodes", list[answers.Node]),
-    "api.create_node": Told("Create a node", answers.Node, bodies.NodeBody, status=201),
-    "api.pipes": Told("All pipes", list[answers.Pipe]),
-    "api.create_pipe": Told("Create a pipe", answers.Pipe, bodies.PipeBody, status=201, errors=(404,)),
-    "api.update_pipe": Told("Change a pipe", answers.Pipe, bodies.PipeChange),
-    "api.delete_pipe": Told("Delete a pipe", None, bodies.Empty, errors=(409,)),
     "api.measure": Told("Start a measurement", answers.Begun, bodies.MeasureBody, status=202, errors=(404, 409, 507)),
     "api.cancel": Told("Cancel the measurement", None, bodies.Empty),
     "api.drive": Told("The drive under way, the CCTV and the tether", answers.Drive),
@@ -125,9 +120,20 @@ ROUTES: dict[str, Told] = {
     "inspecting.photo": Told("A photo of an inspection", JPEG, errors=(422,)),
     "inspecting.export": Told("A file to take home", FILE, query=wanted.ExportQuery),
     "inspecting.codes": Told("The observation codes", list[answers.ObservationCode]),
-    "inspecting.update_node": Told("Change a node", answers.Node, wanted.NodeChange),
-    "inspecting.update_site": Told("Name and reference system of the site", answers.Site, wanted.SiteChange),
-    "inspecting.import_pipes": Told("Add the pipes of a list", answers.Imported, wanted.PipeListBody, status=201),
+    "site.described": Told("Name and reference system of the site", answers.Site),
+    "site.update_site": Told("Change the site's name or reference system", answers.Site, sites.SiteChange),
+    "site.nodes": Told("All nodes", list[answers.Node]),
+    "site.create_node": Told("Create a node", answers.Node, sites.NodeBody, status=201),
+    "site.check_node": Told("May a node be called so?", answers.Judged, query=sites.NodeQuery),
+    "site.update_node": Told("Change a node", answers.Node, sites.NodeChange),
+    "site.delete_node": Told("Delete a node that nothing refers to", None, bodies.Empty),
+    "site.pipes": Told("All pipes", list[answers.Pipe]),
+    "site.create_pipe": Told("Create a pipe", answers.Pipe, sites.PipeBody, status=201, errors=(404,)),
+    "site.check_pipe": Told("May a pipe be called so?", answers.Judged, query=sites.PipeQuery),
+    "site.update_pipe": Told("Change a pipe", answers.Pipe, sites.PipeChange),
+    "site.delete_pipe": Told("Delete a pipe; it can be restored", None, bodies.Empty, errors=(409,)),
+    "site.restore_pipe": Told("Undo a deletion", answers.Pipe, bodies.Empty),
+    "site.import_pipes": Told("Add the pipes of a list", answers.Imported, sites.PipeListBody, status=201),
     "structure.state": Told("The structure survey under way and its sensors", answers.Structure),
     "structure.begin": Told("Map a chamber", answers.Begun, bodies.StructureBody, status=202, errors=(404, 409, 507)),
     "structure.end": Told("All has been seen: keep the map", answers.Begun, bodies.Empty, status=202, errors=(409,)),

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from flask import Blueprint, render_template, send_from_directory
 from flask.typing import ResponseReturnValue
 
-from web_ui import bodies, wording
+from web_ui import bodies, site_bodies, wording
 
 if TYPE_CHECKING:
     from device.daemon import Device
@@ -34,12 +34,12 @@ def blueprint(device: "Device") -> Blueprint:
         second = device.survey(query.second) if query.second is not None else None
         return render_template(
             "measure.html",
-            pipes=device.pipes(),
-            nodes=device.nodes(),
+            pipes=device.places.pipes(),
+            nodes=device.places.nodes(),
             chosen=query.pipe,
             second=second,
-            materials=bodies.MATERIALS,
-            shapes=bodies.SHAPES,
+            materials=site_bodies.MATERIALS,
+            shapes=site_bodies.SHAPES,
         )
 
     @pages.get("/drive")
@@ -49,13 +49,13 @@ def blueprint(device: "Device") -> Blueprint:
             "drive.html",
             drive=device.drive(),
             lamp=device.status()["lamp"],
-            pipes=device.pipes(),
-            nodes=device.nodes(),
+            pipes=device.places.pipes(),
+            nodes=device.places.nodes(),
             chosen=bodies.read_query(bodies.MeasureQuery).pipe,
             cut_off=newest if newest is not None and newest.get("state") == "interrupted" else None,
             classes=wording.CLASSES,
-            materials=bodies.MATERIALS,
-            shapes=bodies.SHAPES,
+            materials=site_bodies.MATERIALS,
+            shapes=site_bodies.SHAPES,
         )
 
     @pages.get("/surveys")
@@ -67,7 +67,7 @@ def blueprint(device: "Device") -> Blueprint:
         return render_template(
             "history.html",
             surveys=rows[:_PAGE],
-            pipes=device.pipes(),
+            pipes=device.places.pipes(),
             chosen=query.pipe_id,
             older=older,
             newest=query.before is None,

@@ -22,7 +22,7 @@ def blueprint(device: "Device") -> Blueprint:
         query = bodies.read_query(bodies.StructureQuery)
         newest = next((one for one in device.surveys(None, 50, None) if one.get("kind") == "structure"), None)
         return render_template(
-            "structure.html", structure=device.structure.state(), nodes=device.nodes(), chosen=query.node, newest=newest
+            "structure.html", structure=device.structure.state(), nodes=device.places.nodes(), chosen=query.node, newest=newest
         )
 
     @structure.get(f"{_API}/structure")

@@ -1,15 +1,17 @@
-"""Sites, nodes (manholes and other wells) and the pipes between them."""
+"""Sites, nodes (manholes) and the pipes between them."""
 
 from __future__ import annotations
 
 import sqlite3
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from device.config import sentence
 from device.errors import Invalid, NotFound
+from device.inspections import identifiers
 from device.inspections.model import PipeRecord
 from device.store.database import Database
 
@@ -43,6 +45,12 @@ class _Pipe(BaseModel):
     reference_dn: Annotated[int, Field(ge=50, le=4000)] | None = None
     length_m: Annotated[float, Field(gt=0, lt=10_000, allow_inf_nan=False)] | None = None
     note: Annotated[str, Field(max_length=2000)] = ""
+
+    @model_validator(mode="after")
+    def _two_ends(self) -> _Pipe:
+        if self.start_node is not None and self.start_node == self.end_node:
+            raise ValueError("a pipe joins two manholes, these are one")
+        return self
 
 
 class _Site(BaseModel):
@@ -114,7 +122,7 @@ class Places:
                     (_DEFAULT_SITE, node.name, node.easting, node.northing, node.level),
                 ).lastrowid
         except sqlite3.IntegrityError:
-            raise Invalid(f"There is already a well called {node.name}.") from None
+            raise Invalid(f"There is already a manhole called {node.name}.") from None
         assert number is not None  # sqlite gives every inserted row a number
         return self.node(number)
 
@@ -129,8 +137,31 @@ class Places:
                     {**node.model_dump(), "id": node_id},
                 )
         except sqlite3.IntegrityError:
-            raise Invalid(f"There is already a well called {node.name}.") from None
+            raise Invalid(f"There is already a manhole called {node.name}.") from None
         return self.node(node_id)
+
+    def delete_node(self, node_id: int) -> None:
+        """Forget a manhole that nothing refers to. Raises NotFound, Invalid."""
+        node = self.node(node_id)
+        try:
+            with self._database.write() as connection:
+                connection.execute("DELETE FROM nodes WHERE id = ?", (node_id,))
+        except sqlite3.IntegrityError:
+            raise Invalid(f"{node['name']} stays: a pipe or a survey belongs to it.") from None
+
+    def judge_node(self, name: str, own: int | None = None) -> dict[str, Any]:
+        """Whether ``name`` may be that of a manhole: {"name", "error", "warnings"}. ``own`` is the one that is renamed."""
+        return asdict(identifiers.judge_node(name, {node["name"] for node in self.nodes() if node["id"] != own}))
+
+    def judge_pipe(self, name: str, upstream: str, downstream: str, own: int | None = None) -> dict[str, Any]:
+        """Whether ``name`` (empty: built from the manholes) may be that of a pipe: {"name", "error", "warnings"}."""
+        nodes = {node["id"]: node["name"] for node in self.nodes()}
+        others = {
+            pipe["name"]: (nodes.get(pipe["start_node"], ""), nodes.get(pipe["end_node"], ""))
+            for pipe in self.pipes()
+            if pipe["id"] != own
+        }
+        return asdict(identifiers.judge_pipe(name, upstream, downstream, others, set(nodes.values())))
 
     def pipes(self) -> list[dict[str, Any]]:
         """Every pipe that is not deleted, by name."""
@@ -151,12 +182,13 @@ class Places:
         pipe = checked(_Pipe, data)
         try:
             with self._database.write() as connection:
+                _refuse_taken(connection, pipe.name)
                 number = connection.execute(
                     _INSERT_PIPE,
                     pipe.model_dump(),
                 ).lastrowid
         except sqlite3.IntegrityError:
-            raise Invalid("The pipe starts or ends at a well that does not exist.") from None
+            raise Invalid("The pipe starts or ends at a manhole that does not exist.") from None
         return {"id": number, **pipe.model_dump()}
 
     def add_all(self, listed: Sequence[PipeRecord], crs: int | None) -> dict[str, Any]:
@@ -205,13 +237,15 @@ class Places:
         pipe = checked(_Pipe, {**before, **data})
         try:
             with self._database.write() as connection:
+                if pipe.name != before["name"]:
+                    _refuse_taken(connection, pipe.name)
                 connection.execute(
                     "UPDATE pipes SET name = :name, start_node = :start_node, end_node = :end_node, material = :material,"
                     " shape = :shape, reference_dn = :reference_dn, length_m = :length_m, note = :note WHERE id = :id",
                     {**pipe.model_dump(), "id": pipe_id},
                 )
         except sqlite3.IntegrityError:
-            raise Invalid("The pipe starts or ends at a well that does not exist.") from None
+            raise Invalid("The pipe starts or ends at a manhole that does not exist.") from None
         return {"id": pipe_id, **pipe.model_dump()}
 
     def delete_pipe(self, pipe_id: int) -> None:
@@ -219,6 +253,22 @@ class Places:
         self.pipe(pipe_id)
         with self._database.write() as connection:
             connection.execute("UPDATE pipes SET deleted = 1 WHERE id = ?", (pipe_id,))
+
+    def restore_pipe(self, pipe_id: int) -> dict[str, Any]:
+        """Undo ``delete_pipe``. Raises NotFound, and Invalid where its name was given to another one meanwhile."""
+        with self._database.write() as connection:
+            row = connection.execute("SELECT name, deleted FROM pipes WHERE id = ?", (pipe_id,)).fetchone()
+            if row is None:
+                raise NotFound(f"There is no pipe number {pipe_id}.")
+            if row["deleted"]:
+                _refuse_taken(connection, row["name"])
+                connection.execute("UPDATE pipes SET deleted = 0 WHERE id = ?", (pipe_id,))
+        return self.pipe(pipe_id)
+
+
+def _refuse_taken(connection: sqlite3.Connection, name: str) -> None:
+    if connection.execute("SELECT 1 FROM pipes WHERE name = ? AND NOT deleted", (name,)).fetchone():
+        raise Invalid(f"There is already a pipe called {name}.")
 
 
 def pipe_json(row: sqlite3.Row) -> dict[str, Any]:

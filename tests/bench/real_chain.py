@@ -136,9 +136,9 @@ def wait(condition: Callable[[], Any]) -> None:
 
 
 def _pipe(device: Device) -> int:
-    nodes = [device.create_node(name)["id"] for name in ("A", "B")]
+    nodes = [device.places.create_node(name)["id"] for name in ("A", "B")]
     data = {"name": "A-B", "start_node": nodes[0], "end_node": nodes[1], "material": "PVC", "reference_dn": 400}
-    return int(device.create_pipe(data)["id"])
+    return int(device.places.create_pipe(data)["id"])
 
 
 def tell(device: Device, number: int, surveys: dict[str, int]) -> None:

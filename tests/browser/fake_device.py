@@ -4,10 +4,10 @@
 ("accept", "retry", "second", or "failed" for none).
 """
 
-import copy
 import itertools
 import math
 import queue
+import tempfile
 import threading
 import time
 from dataclasses import dataclass, field
@@ -22,6 +22,8 @@ from device.access import Access
 from device.bus import Bus, Subscription
 from device.daemon import GONE
 from device.errors import Busy, Invalid, NotFound
+from device.store.database import Database
+from device.store.places import Places
 from tests.browser.fake_alone import FakeAlone
 from tests.browser.fake_anomaly import FakeAnomaly
 from tests.browser.fake_box import FakeBox
@@ -171,8 +173,9 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         self._bus = Bus()
         self.access = Access(PIN, publish=lambda state: self._bus.publish("control", state))
         self._ids = itertools.count(1)
-        self._nodes: dict[int, Json] = {}
-        self._pipes: dict[int, Json] = {}
+        self._folder = tempfile.TemporaryDirectory()
+        self._database = Database(Path(self._folder.name))
+        self.places = Places(self._database)
         self._surveys: dict[int, Json] = {}
         self._deleted: dict[int, Json] = {}
         self._survey: Json = {"state": "idle", "survey_id": None, "frames_done": 0, "frames_wanted": 0, "position": None}
@@ -187,7 +190,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         self.set_up_drive()
         self.structure = FakeStructure(self._bus)
         self.anomaly = FakeAnomaly(self._bus, self._ids)
-        self.anomaly.pipe_of = self._pipes.get
+        self.anomaly.pipe_of = self.pipe
         self._start(self._publish)
 
     def _start(self, target: Any, *args: Any) -> None:
@@ -320,40 +323,16 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
     def subscribe(self) -> Subscription:
         return self._bus.subscribe()
 
-    def nodes(self) -> list[Json]:
-        return list(self._nodes.values())
-
-    def create_node(self, name: str) -> Json:
-        with self._lock:
-            node = {"id": next(self._ids), "name": name, "site": "Site", "easting": None, "northing": None, "level": None}
-            self._nodes[node["id"]] = node
-            return node
-
-    def pipes(self) -> list[Json]:
-        return list(self._pipes.values())
-
-    def create_pipe(self, data: Json) -> Json:
-        with self._lock:
-            pipe = {"id": next(self._ids), "length_m": None, **data}
-            self._pipes[pipe["id"]] = pipe
-            return pipe
-
-    def update_pipe(self, pipe_id: int, data: Json) -> Json:
-        if pipe_id not in self._pipes:
-            raise NotFound(f"There is no pipe {pipe_id}.")
-        self._pipes[pipe_id].update(data)
-        return self._pipes[pipe_id]
-
-    def delete_pipe(self, pipe_id: int) -> None:
-        if self._pipes.pop(pipe_id, None) is None:
-            raise NotFound(f"There is no pipe {pipe_id}.")
+    def pipe(self, pipe_id: int | None) -> Json | None:
+        """A copy of the pipe, or None where there is none."""
+        return next((pipe for pipe in self.places.pipes() if pipe["id"] == pipe_id), None)
 
     def measure(self, pipe_id: int | None, position: str | None, frames: int | None, survey_id: int | None) -> Json:
         with self._lock:
             self.calls.append(("measure", (pipe_id, position, frames, survey_id)))
             if self._survey["state"] != "idle":
                 raise Busy("A measurement is already running.")
-            if pipe_id is not None and pipe_id not in self._pipes:
+            if pipe_id is not None and self.pipe(pipe_id) is None:
                 raise NotFound(f"There is no pipe {pipe_id}.")
             if survey_id is not None and survey_id not in self._surveys:
                 raise NotFound(f"There is no survey {survey_id}.")
@@ -410,7 +389,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
                 "kind": "diameter",
                 "created": "2026-11-22T02:14:09Z",
                 "clock_source": "browser",
-                "pipe": copy.deepcopy(self._pipes.get(pipe_id)) if pipe_id is not None else None,
+                "pipe": self.pipe(pipe_id),
                 "state": "done",
                 "recordings": [],
                 "operator": None,
@@ -514,3 +493,5 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         while not self._threads.empty():
             self._threads.get().join(timeout=5)
         self._bus.close()
+        self._database.close()
+        self._folder.cleanup()

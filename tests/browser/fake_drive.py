@@ -6,7 +6,6 @@ to set.
 
 from __future__ import annotations
 
-import copy
 import threading
 import time
 from functools import cache
@@ -97,7 +96,7 @@ class FakeDrive:
     _bus: Bus
     _lock: Any
     _ids: Any
-    _pipes: dict[int, Json]
+    pipe: Any
     _start: Any
     _stop: threading.Event
     calls: list[tuple[str, Any]]
@@ -163,7 +162,7 @@ class FakeDrive:
                 raise Invalid("This box has no CCTV grabber: name one in its settings.")
             if self._drive is not None:
                 raise Busy("A drive is under way: end it or cancel it.")
-            if pipe_id is not None and pipe_id not in self._pipes:
+            if pipe_id is not None and self.pipe(pipe_id) is None:
                 raise NotFound(f"There is no pipe number {pipe_id}.")
             number = next(self._ids)
             self._drive = {
@@ -267,7 +266,7 @@ class FakeDrive:
             "state": state,
             "created": "2026-11-22T02:14:09Z",
             "clock_source": "browser",
-            "pipe": copy.deepcopy(self._pipes.get(going["pipe_id"])) if going["pipe_id"] else None,
+            "pipe": self.pipe(going["pipe_id"]),
             "direction": going["direction"],
             "from_m": 0.0,
             "to_m": going["chainage_m"],

@@ -30,6 +30,8 @@ STATES = [
     "/alone",
     "/health",
     "/nothing",
+    "/site",
+    "/site dialog",
 ]
 CONTRAST_OF = """() => {
   const parse = (text) => (text.match(/[\\d.]+/g) ?? [0, 0, 0, 0]).map(Number);
@@ -76,9 +78,9 @@ NAMELESS = """(named) => [...document.querySelectorAll(named)]
 
 def show(watched: Watched, device: FakeDevice, name: str) -> Page:
     path, _, state = name.partition(" ")
-    pipe = device.create_pipe({"name": "P" * 80, "material": "ductile iron", "shape": "egg", "reference_dn": 1100, "note": ""})[
-        "id"
-    ]
+    pipe = device.places.create_pipe(
+        {"name": "P" * 80, "material": "ductile iron", "shape": "egg", "reference_dn": 1100, "note": ""}
+    )["id"]
     if path == "/surveys/map":
         device.befall("slip", "The counter stands still but the picture moves.")
         path = f"/surveys/{device.add_drive(pipe)}"
@@ -91,6 +93,10 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
         path = "/surveys?deleted=9"
     elif path == "/alone":
         device.journal, device.logs_by_itself, device.held = NIGHT, True, ("The disk was nearly full.",)
+    elif path == "/site":
+        nodes = [device.places.create_node(f"M{n}", easting=565000.25 + 40 * n, northing=5933000.5)["id"] for n in (1, 2)]
+        device.places.create_pipe({"name": "M1-M2", "start_node": nodes[0], "end_node": nodes[1], "length_m": 40})
+        path = "/site?deleted=9"
     if state in ("poor", "lost"):
         device.scene = state
     page = watched.open(path)
@@ -120,8 +126,11 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
     if state == "3d":
         page.click("#pipe3d-show")
         expect(page.locator("#pipe3d canvas")).to_be_focused()
-    if state == "dialog":
+    if state == "dialog" and path == "/":
         page.click("#pipe-edit")
+    elif state == "dialog":
+        page.get_by_role("button", name="M1", exact=True).click()
+        expect(page.locator("#node-check")).to_have_text("M1 is free.")
     expect(page.locator("#health-text")).not_to_have_text("Box")
     if path == "/nothing":
         watched.complaints.clear()  # the missing page itself is told in the console
@@ -149,7 +158,7 @@ def test_no_sideways_scroll_when_text_is_large(watch: Callable[..., Watched], de
 
 def test_the_page_is_worked_by_keyboard_alone(watch: Callable[..., Watched], device: FakeDevice) -> None:
     device.seconds = 30
-    device.create_pipe({"name": "A", "material": "clay", "shape": "circular", "reference_dn": None, "note": ""})
+    device.places.create_pipe({"name": "A", "material": "clay", "shape": "circular", "reference_dn": None, "note": ""})
     page = watch(1280, 800).open("/")
     expect(page.locator("#level-text")).to_have_text("Ready")
     page.keyboard.press("Tab")

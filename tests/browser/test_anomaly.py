@@ -10,7 +10,9 @@ from tests.browser.fake_device import FakeDevice
 
 
 def test_from_the_menu_to_a_finding(screen: Watched, device: FakeDevice) -> None:
-    pipe = device.create_pipe({"name": "P1", "material": "concrete", "shape": "circular", "reference_dn": 400, "note": ""})
+    pipe = device.places.create_pipe(
+        {"name": "P1", "material": "concrete", "shape": "circular", "reference_dn": 400, "note": ""}
+    )
     page = screen.open("/drive")
     if page.locator("#surveys-open").is_visible():
         page.click("#surveys-open")

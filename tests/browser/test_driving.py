@@ -25,8 +25,8 @@ def begin(watched: Watched, device: FakeDevice, speed: float = 4.0) -> Page:
     return page
 
 
-def a_pipe(device: FakeDevice, name: str = "MH 14 – MH 15") -> int:
-    number: int = device.create_pipe(
+def a_pipe(device: FakeDevice, name: str = "MH 14-MH 15") -> int:
+    number: int = device.places.create_pipe(
         {"name": name, "material": "concrete", "shape": "circular", "reference_dn": 300, "note": ""}
     )["id"]
     return number

@@ -13,7 +13,9 @@ from tests.browser.fake_device import FakeDevice
 
 @pytest.fixture
 def number(device: FakeDevice) -> int:
-    pipe = device.create_pipe({"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": 300, "note": ""})
+    pipe = device.places.create_pipe(
+        {"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": 300, "note": ""}
+    )
     device.befall("encoder_lost", "The tether encoder failed: nothing comes.")
     return device.add_drive(pipe["id"])
 

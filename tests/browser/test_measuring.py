@@ -147,32 +147,65 @@ def test_a_pipe_is_created_chosen_edited_and_measured(screen: Watched, device: F
     page.get_by_role("button", name="New").click()
     page.get_by_label("From manhole").fill("MH 14")
     page.get_by_label("To manhole").fill("MH 15")
+    expect(page.locator("#pipe-check")).to_have_text("MH 14-MH 15 is free.")
     page.get_by_label("Material").select_option("concrete")
+    page.get_by_label("Length, m").fill("41,5")
     page.get_by_label("DN on the map").fill("4oo")
     page.get_by_role("button", name="Save pipe").click()
     expect(page.locator("#pipe-error")).to_contain_text("DN on the map")
     page.get_by_label("DN on the map").fill("DN 400")
     page.get_by_role("button", name="Save pipe").click()
     expect(page.locator("#pipe-dialog")).to_be_hidden()
-    expect(page.locator("#pipe option:checked")).to_have_text("MH 14 – MH 15 · DN 400 · concrete")
+    expect(page.locator("#pipe option:checked")).to_have_text("MH 14-MH 15 · DN 400 · concrete")
     expect(page.locator("#reference")).to_have_text("map: DN 400")
-    (pipe,) = device.pipes()
-    names = {node["id"]: node["name"] for node in device.nodes()}
+    (pipe,) = device.places.pipes()
+    names = {node["id"]: node["name"] for node in device.places.nodes()}
     assert (names[pipe["start_node"]], names[pipe["end_node"]]) == ("MH 14", "MH 15")
+
+    assert pipe["length_m"] == 41.5
 
     page.get_by_role("button", name="Edit").click()
     expect(page.get_by_label("From manhole")).to_have_value("MH 14")
     page.get_by_label("DN on the map").fill("")
     page.get_by_role("button", name="Save pipe").click()
-    expect(page.locator("#pipe option:checked")).to_have_text("MH 14 – MH 15 · concrete")
-    assert device.pipes()[0]["reference_dn"] is None
-    assert len(device.nodes()) == 2
+    expect(page.locator("#pipe option:checked")).to_have_text("MH 14-MH 15 · concrete")
+    assert device.places.pipes()[0]["reference_dn"] is None
+    assert len(device.places.nodes()) == 2
 
     page.get_by_label("Box stands at").select_option("entrance")
     page.click("#start")
     page.wait_for_url("**/surveys/*")
     assert device.measured == (pipe["id"], "entrance", None, None)
-    expect(page.locator("#verdict")).to_contain_text("MH 14 – MH 15")
+    expect(page.locator("#verdict")).to_contain_text("MH 14-MH 15")
+
+
+def test_a_name_is_checked_while_it_is_typed_and_a_refused_pipe_leaves_nothing_behind(
+    screen: Watched, device: FakeDevice
+) -> None:
+    nodes = [device.places.create_node(name)["id"] for name in ("MH 14", "MH 15")]
+    device.places.create_pipe({"name": "MH 14-MH 15", "start_node": nodes[0], "end_node": nodes[1]})
+    page = screen.open("/")
+    page.get_by_role("button", name="New").click()
+    check, name = page.locator("#pipe-check"), page.get_by_label("Pipe name")
+    page.get_by_label("From manhole").fill("MH 14")
+    page.get_by_label("To manhole").fill("MH 15")
+    expect(check).to_have_text("There is already a pipe called MH 14-MH 15.")
+    expect(check).to_have_attribute("data-state", "refused")
+    expect(name).to_have_attribute("aria-invalid", "true")
+    page.get_by_label("To manhole").fill("mh-15")
+    expect(check).to_have_text("There is a manhole called MH 15: is mh-15 another one?")
+    expect(name).to_have_attribute("placeholder", "MH 14-mh-15")
+    page.get_by_label("To manhole").fill("MH 99")
+    name.fill("MH 14-MH 15")
+    expect(check).to_have_attribute("data-state", "refused")
+    page.get_by_role("button", name="Save pipe").click()
+    expect(page.locator("#pipe-error")).to_have_text("There is already a pipe called MH 14-MH 15.")
+    assert len(device.places.pipes()) == 1
+    assert len(device.places.nodes()) == 2, "no manhole is made for a pipe that is refused"
+    name.fill("")
+    expect(check).to_have_text("MH 14-MH 99 is free.")
+    page.get_by_role("button", name="Save pipe").click()
+    expect(page.locator("#pipe option:checked")).to_have_text("MH 14-MH 99")
 
 
 def test_the_second_position_is_measured_in_the_same_survey(screen: Watched, device: FakeDevice) -> None:

@@ -67,7 +67,7 @@ def test_from_a_new_pipe_to_a_deleted_survey(watch: Callable[..., Watched], box:
     page.get_by_label("Material").select_option("concrete")
     page.get_by_label("DN on the map").fill("200")
     page.get_by_role("button", name="Save pipe").click()
-    expect(page.locator("#pipe option:checked")).to_have_text("MH 14 – MH 15 · DN 200 · concrete")
+    expect(page.locator("#pipe option:checked")).to_have_text("MH 14-MH 15 · DN 200 · concrete")
     page.click("#start")
     page.wait_for_url("**/surveys/*", timeout=PATIENCE_MS)
     expect(page.get_by_role("heading", name="ACCEPT")).to_be_visible()
@@ -88,7 +88,7 @@ def test_from_a_new_pipe_to_a_deleted_survey(watch: Callable[..., Watched], box:
     page.get_by_role("button", name="Delete", exact=True).click()
     page.get_by_role("button", name="Undo").click()
     expect(page.locator(".row")).to_have_count(1)
-    expect(page.locator(".row")).to_contain_text("MH 14 – MH 15")
+    expect(page.locator(".row")).to_contain_text("MH 14-MH 15")
 
 
 @pytest.mark.parametrize("camera", [0.2], indirect=True)
@@ -126,8 +126,8 @@ def test_cancelling_leaves_no_survey(watch: Callable[..., Watched], box: Bench) 
 def test_the_device_keeps_what_the_fake_promises(box: Bench) -> None:
     """Every key the pages were developed against is there in the real answers."""
     fake, device = FakeDevice(), box.device
-    fake_pipe = fake.create_pipe({"name": "P", "material": "concrete", "reference_dn": 200})["id"]
-    pipe = device.create_pipe({"name": "P", "material": "concrete", "reference_dn": 200})["id"]
+    fake_pipe = fake.places.create_pipe({"name": "P", "material": "concrete", "reference_dn": 200})["id"]
+    pipe = device.places.create_pipe({"name": "P", "material": "concrete", "reference_dn": 200})["id"]
     number = device.measure(pipe_id=pipe)["survey_id"]
     assert box.finish(number)["state"] == "saved"
     fake_number = fake.add_survey(None, fake_pipe, "top", "accept")
@@ -137,9 +137,9 @@ def test_the_device_keeps_what_the_fake_promises(box: Bench) -> None:
         "live": (fake.live(), device.live()),
         "survey": (fake.survey(fake_number), device.survey(number)),
         "surveys": (fake.surveys(), device.surveys()),
-        "pipes": (fake.pipes(), device.pipes()),
+        "pipes": (fake.places.pipes(), device.places.pipes()),
         "cloud": (fake.cloud(fake_number), device.cloud(number)),
-        "node": (fake.create_node("N"), device.create_node("N")),
+        "node": (fake.places.create_node("N"), device.places.create_node("N")),
     }
     fake.close()
     for name, (promised, kept) in pairs.items():

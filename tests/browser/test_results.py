@@ -132,9 +132,9 @@ def test_deletion_asks_first_and_can_be_undone(screen: Watched, device: FakeDevi
 
 
 def test_the_history_is_filtered_by_pipe(screen: Watched, device: FakeDevice) -> None:
-    elm = device.create_pipe({"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": None, "note": ""})[
-        "id"
-    ]
+    elm = device.places.create_pipe(
+        {"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": None, "note": ""}
+    )["id"]
     device.add_survey(None, elm, "top", "accept")
     device.add_survey(None, None, "top", "retry")
     page = screen.open("/surveys")

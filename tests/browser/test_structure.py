@@ -14,7 +14,7 @@ from tests.browser.test_accessibility import CONTRAST_OF, NAMED, NAMELESS, SMALL
 
 
 def test_a_chamber_grows_on_the_page_and_leads_to_its_map(screen: Watched, device: FakeDevice) -> None:
-    device.create_node("Pump station 4")
+    device.places.create_node("Pump station 4")
     page = screen.open("/structure")
     expect(page.locator("#prompt-reason")).to_have_text("Ready.")
     expect(page.locator(".chamber-panel")).to_be_hidden()

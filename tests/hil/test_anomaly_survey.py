@@ -89,7 +89,9 @@ def scanned(device: Device, **body: Any) -> tuple[dict[str, Any], list[dict[str,
 
 def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], tmp_path: Path) -> None:
     device = box(camera())
-    pipe = device.create_pipe({"name": "P1", "material": "concrete", "shape": "circular", "reference_dn": 400, "note": ""})
+    pipe = device.places.create_pipe(
+        {"name": "P1", "material": "concrete", "shape": "circular", "reference_dn": 400, "note": ""}
+    )
     live = wait_for(lambda: device.anomaly.look()["live"])
     assert (live["code"], live["level"]) == (None, "good")
     assert abs(live["radius_mm"] - 200) < 20

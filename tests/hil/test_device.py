@@ -54,7 +54,7 @@ def test_aiming_shows_a_live_diameter_with_picture_and_cloud(bench: Open) -> Non
 
 def test_measure_is_durable_before_it_is_said_to_be(bench: Open, tmp_path: Path) -> None:
     box = bench(PipeCamera("front")).up()
-    pipe = box.device.create_pipe({"name": "H1", "material": "concrete", "reference_dn": 200})
+    pipe = box.device.places.create_pipe({"name": "H1", "material": "concrete", "reference_dn": 200})
     survey_id = box.device.measure(pipe_id=pipe["id"])["survey_id"]
     end = box.finish(survey_id)
     assert (end["state"], end["frames_done"], end["frames_wanted"]) == ("saved", 12, 12)

@@ -70,7 +70,7 @@ def parked(open_bench: Open, **options: Any) -> Bench:
 
 def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path: Path) -> None:
     box = parked(bench)
-    pipe = box.device.create_pipe({"name": "H1", "reference_dn": 300})
+    pipe = box.device.places.create_pipe({"name": "H1", "reference_dn": 300})
     survey_id = box.device.start_drive(pipe["id"], "downstream")["survey_id"]
     box.moving = True
     box.drive_to(3.3)

@@ -50,7 +50,7 @@ def wait_for(device: Device, check: Callable[[dict[str, Any]], bool]) -> dict[st
 
 
 def test_a_chamber_is_mapped_stored_recorded_and_computed_again(device: Device) -> None:
-    node = device.create_node("Pump station 4")
+    node = device.places.create_node("Pump station 4")
     survey = device.structure.begin(node["id"])["survey_id"]
     with pytest.raises(Busy):
         device.structure.begin()

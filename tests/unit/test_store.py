@@ -72,7 +72,7 @@ def saved(store: Store, pipe_id: int | None = None, found: dict[str, Any] | None
 # --- places ---
 
 
-def test_wells_and_pipes(store: Store) -> None:
+def test_manholes_and_pipes(store: Store) -> None:
     start, end = store.places.create_node("S1"), store.places.create_node(" S2 ")
     assert [node["name"] for node in store.places.nodes()] == ["S1", "S2"]
     pipe = store.places.create_pipe({"name": "H1", "start_node": start["id"], "end_node": end["id"], "material": "PVC"})
@@ -94,7 +94,7 @@ def test_wells_and_pipes(store: Store) -> None:
         ({"name": "H1", "material": "gold"}, "material"),
         ({"name": "H1", "reference_dn": 5}, "reference_dn"),
         ({"name": "H1", "colour": "red"}, "There is no field called colour."),
-        ({"name": "H1", "start_node": 77}, "a well that does not exist"),
+        ({"name": "H1", "start_node": 77}, "a manhole that does not exist"),
     ],
 )
 def test_a_bad_pipe_is_refused_in_one_sentence(store: Store, data: dict[str, Any], sentence: str) -> None:
@@ -104,10 +104,54 @@ def test_a_bad_pipe_is_refused_in_one_sentence(store: Store, data: dict[str, Any
     assert store.places.pipes() == []
 
 
-def test_two_wells_cannot_share_a_name(store: Store) -> None:
+def test_two_manholes_cannot_share_a_name(store: Store) -> None:
     store.places.create_node("S1")
-    with pytest.raises(Invalid, match="already a well called S1"):
+    with pytest.raises(Invalid, match="already a manhole called S1"):
         store.places.create_node("S1")
+
+
+def test_two_pipes_cannot_share_a_name_but_a_deleted_one_frees_it(store: Store) -> None:
+    first = store.places.create_pipe({"name": "H1"})
+    with pytest.raises(Invalid, match="already a pipe called H1"):
+        store.places.create_pipe({"name": " H1 "})
+    other = store.places.create_pipe({"name": "H2"})
+    with pytest.raises(Invalid, match="already a pipe called H1"):
+        store.places.update_pipe(other["id"], {"name": "H1"})
+    assert store.places.update_pipe(first["id"], {"name": "H1", "note": "again"})["note"] == "again"
+    store.places.delete_pipe(first["id"])
+    assert store.places.restore_pipe(first["id"])["note"] == "again"
+    store.places.delete_pipe(first["id"])
+    store.places.create_pipe({"name": "H1"})
+    with pytest.raises(Invalid, match="already a pipe called H1"):
+        store.places.restore_pipe(first["id"])
+    with pytest.raises(NotFound):
+        store.places.restore_pipe(77)
+
+
+def test_a_pipe_joins_two_manholes(store: Store) -> None:
+    node = store.places.create_node("S1")["id"]
+    with pytest.raises(Invalid, match="two manholes"):
+        store.places.create_pipe({"name": "H1", "start_node": node, "end_node": node})
+
+
+def test_a_manhole_is_forgotten_only_where_nothing_refers_to_it(store: Store) -> None:
+    used, free = store.places.create_node("S1"), store.places.create_node("S2")
+    store.places.create_pipe({"name": "H1", "start_node": used["id"]})
+    with pytest.raises(Invalid, match="S1 stays"):
+        store.places.delete_node(used["id"])
+    store.places.delete_node(free["id"])
+    assert [node["name"] for node in store.places.nodes()] == ["S1"]
+    with pytest.raises(NotFound):
+        store.places.delete_node(free["id"])
+
+
+def test_names_are_judged_beside_all_others(store: Store) -> None:
+    nodes = [store.places.create_node(name)["id"] for name in ("S1", "S2")]
+    pipe = store.places.create_pipe({"name": "S1-S2", "start_node": nodes[0], "end_node": nodes[1]})
+    assert store.places.judge_pipe("", "S1", "S2")["error"] == "There is already a pipe called S1-S2."
+    assert store.places.judge_pipe("", "S1", "S2", pipe["id"]) == {"name": "S1-S2", "error": None, "warnings": ()}
+    assert store.places.judge_node("S2")["error"] == "There is already a manhole called S2."
+    assert store.places.judge_node("S2", nodes[1])["error"] is None
 
 
 # --- surveys ---

@@ -44,8 +44,10 @@ class Tags(HTMLParser):
 
 
 def all_pages(device: FakeDevice) -> list[str]:
-    pipe = device.create_pipe({"name": NASTY, "material": "PVC", "shape": "circular", "reference_dn": 200, "note": NASTY})["id"]
-    device.create_node(NASTY)
+    pipe = device.places.create_pipe(
+        {"name": NASTY, "material": "PVC", "shape": "circular", "reference_dn": 200, "note": NASTY}
+    )["id"]
+    device.places.create_node(NASTY)
     numbers = [device.add_survey(None, pipe, "top", outcome) for outcome in ("accept", "retry", "second")]
     answers = {"image_good": False, "cloud_is_pipe": None, "fit_aligned": True, "verdict": "retry", "by": NASTY, "note": NASTY}
     device.answer(numbers[0], answers)
@@ -140,9 +142,9 @@ def test_a_survey_without_a_finding_or_profile_is_shown(client: FlaskClient, dev
 
 def test_the_history_is_newest_first_in_pages_and_says_when_it_is_empty(client: FlaskClient, device: FakeDevice) -> None:
     assert "Nothing measured yet" in client.get("/surveys").text
-    pipe = device.create_pipe({"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": None, "note": ""})[
-        "id"
-    ]
+    pipe = device.places.create_pipe(
+        {"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": None, "note": ""}
+    )["id"]
     assert "has not been measured yet" in client.get(f"/surveys?pipe_id={pipe}").text
     numbers = [device.add_survey(None, pipe if n == 7 else None, "top", "accept") for n in range(60)]
     shown = [int(n) for n in re.findall(r'class="row" href="/surveys/(\d+)"', client.get("/surveys").text)]

@@ -1,4 +1,4 @@
-// The list of reports: begin one, import a pipe list, undo a deletion.
+// The list of reports: begin one, undo a deletion.
 
 import { ask } from "./api.js";
 import { byId, wake } from "./dom.js";
@@ -19,21 +19,6 @@ byId("begin").addEventListener("submit", async (event) => {
   } catch (error) {
     failed.textContent = error.message;
     failed.hidden = false;
-  }
-});
-
-byId("import").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const said = byId("import-said");
-  const file = byId("i-file").files[0];
-  const crs = Number.parseInt(byId("i-crs").value, 10);
-  said.textContent = "Reading the list …";
-  try {
-    const body = { text: await file.text(), file_name: file.name.slice(-80), ...(Number.isFinite(crs) ? { crs } : {}) };
-    const done = await ask("/pipes/import", { method: "POST", body, timeoutMs: 30000 });
-    said.textContent = `${done.pipes} pipes and ${done.nodes} nodes added, ${done.there} pipes were there already.`;
-  } catch (error) {
-    said.textContent = error.message;
   }
 });
 

@@ -1,0 +1,93 @@
+// The site: its plan, its manholes and pipes, lists read in.
+
+import { BoxError, ask } from "./api.js";
+import { byId, data, showFailure, wake } from "./dom.js";
+import { NodeDialog } from "./node_dialog.js";
+import { PipeDialog } from "./pipe_dialog.js";
+import { startShell } from "./shell.js";
+import { drawPlan } from "./site_plan.js";
+
+startShell();
+const { pipes, nodes } = data("pipes-data");
+const again = () => location.assign("/site");
+byId("plan-none").hidden = drawPlan(byId("plan"), nodes, pipes);
+
+const nodeDialog = new NodeDialog(again);
+byId("node-new").addEventListener("click", () => nodeDialog.open(null));
+for (const button of document.querySelectorAll("[data-node]")) {
+  button.addEventListener("click", () => nodeDialog.open(nodes.find((node) => node.id === Number(button.dataset.node))));
+}
+
+const pipeDialog = new PipeDialog(nodes, again);
+byId("pipe-new").addEventListener("click", () => pipeDialog.open(null));
+for (const button of document.querySelectorAll("[data-edit-pipe]")) {
+  button.addEventListener("click", () => pipeDialog.open(pipes.find((pipe) => pipe.id === Number(button.dataset.editPipe))));
+}
+
+async function does(what) {
+  try {
+    showFailure(byId("site-failed"), null);
+    await what();
+  } catch (error) {
+    showFailure(byId("site-failed"), error.message);
+  }
+}
+
+const asked = byId("delete-dialog");
+for (const button of document.querySelectorAll("[data-delete-pipe]")) {
+  button.addEventListener("click", () => {
+    const pipe = pipes.find((one) => one.id === Number(button.dataset.deletePipe));
+    byId("delete-dialog-title").textContent = `Delete the pipe ${pipe.name}?`;
+    byId("delete-confirm").onclick = () => {
+      asked.close();
+      does(async () => {
+        await ask(`/pipes/${pipe.id}`, { method: "DELETE" });
+        location.assign(`/site?deleted=${pipe.id}`);
+      });
+    };
+    asked.showModal();
+  });
+}
+const undo = byId("undo");
+undo?.querySelector("button").addEventListener("click", () =>
+  does(async () => {
+    await ask(`/pipes/${undo.dataset.pipe}/restore`, { method: "POST" });
+    again();
+  }),
+);
+
+function readEpsg(text) {
+  const typed = text.trim().replace(/^EPSG:/i, "");
+  if (!typed) return null;
+  if (!/^\d{4,5}$/.test(typed)) throw new BoxError("EPSG number: four or five digits, such as 25832, or nothing.");
+  return Number(typed);
+}
+
+byId("site-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const { name, crs } = event.target.elements;
+  does(async () => {
+    await ask("/site", { method: "PATCH", body: { name: name.value, crs: readEpsg(crs.value) } });
+    again();
+  });
+});
+
+byId("import").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const said = byId("import-said");
+  const file = byId("i-file").files[0];
+  said.textContent = "Reading the list …";
+  try {
+    const crs = readEpsg(byId("i-crs").value);
+    const body = { text: await file.text(), file_name: file.name.slice(-80), ...(crs === null ? {} : { crs }) };
+    const done = await ask("/pipes/import", { method: "POST", body, timeoutMs: 30000 });
+    said.textContent = `${done.pipes} pipes and ${done.nodes} manholes added, ${done.there} pipes were there already. `;
+    const link = document.createElement("a");
+    link.href = "/site";
+    link.textContent = "Show them";
+    said.append(link);
+  } catch (error) {
+    said.textContent = error.message;
+  }
+});
+wake();
