@@ -61,8 +61,11 @@ wait_for "joined" 'ip netns exec phone iw dev wlan1 link | grep -q "Connected"' 
 ip netns exec phone dhclient -1 -v -lf /tmp/leases -pf /tmp/dhclient.pid wlan1 >/tmp/dhcp.log 2>&1 || tail -5 /tmp/dhcp.log
 wait_for "address" 'ip netns exec phone ip -4 addr show wlan1 | grep -q "inet 10.42.0"' 60
 result "address|$(ip netns exec phone ip -4 -o addr show wlan1 | tr -s ' ' | cut -d' ' -f4)"
-page() { ip netns exec phone busybox wget -q -T 5 -O - http://10.42.0.1/pair | grep -q borescout; }
-wait_for "page" page 600 || { tail -20 /tmp/box.log; off; }
+page() { # not busybox: its static wget dies in the name service
+  ip netns exec phone "$PYTHON" -c 'import urllib.request as u; print(u.urlopen("http://10.42.0.1/pair", timeout=10).read().decode())' |
+    grep -q borescout
+}
+wait_for "page" page 300 || { page; tail -20 /tmp/box.log; off; }
 result "page on the phone|after $(( $(now) - begun )) s"
 names() { ip netns exec phone "$PYTHON" - <<'X'
 import random, socket, struct, urllib.request
