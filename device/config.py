@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from device.autonomy import Rules
 from device.errors import Invalid
@@ -118,7 +118,7 @@ class LampSettings(BaseModel):
     """Further arguments of the driver, by name: pin, hz."""
 
 
-StereoKind = Literal["none", "replay", "virtual"]
+StereoKind = Literal["none", "realsense", "oak", "pair", "replay", "virtual"]
 
 
 class StereoSettings(BaseModel):
@@ -129,8 +129,14 @@ class StereoSettings(BaseModel):
     driver: StereoKind = "none"
     source: Path | None = None
     """Folder of recorded pairs, for the driver "replay"."""
+    left: str = ""
+    """V4L2 devices of two plain cameras, as seen from behind them, for the driver "pair"."""
+    right: str = ""
+    options: dict[str, str | int | float] = {}
+    """Further arguments of a live driver, by name: serial, width, height, fps, laser_power, exposure_us; fps and codec of
+    "pair"."""
     calibration: Path | None = None
-    """A file of ``borescout calibrate stereo``."""
+    """A file of ``borescout calibrate stereo``; "pair" needs one of a board."""
     pairs: int = Field(3, ge=1, le=20)
     """Pairs of one scan: what shows in one of them alone is not told as a finding."""
     rate_hz: float = Field(2.0, gt=0, le=30)
@@ -197,7 +203,8 @@ class Settings(BaseModel):
     """To pair with; otherwise the one on the label, which the first start draws and keeps in the data folder."""
     allowed_hosts: tuple[str, ...] = ()
     """Names by which browsers may call the box, besides its own host name and addresses."""
-    cameras: tuple[CameraKind, ...] = Field(("realsense",), min_length=1, max_length=2)
+    cameras: tuple[CameraKind, ...] = Field(("realsense",), max_length=2)
+    """Depth cameras; none for a box whose only camera is the stereo camera."""
     replay: Path | None = None
     """Folder with a manifest, or a .db3 or .bag file, for the camera "replay"."""
     replay_hz: float = Field(30.0, gt=0, le=120)
@@ -225,6 +232,17 @@ class Settings(BaseModel):
     machine: MachineSettings = Field(default_factory=lambda: MachineSettings.model_validate({}))
     virtual_description: Path | None = None
     """JSON file that describes the virtual sewer instead, with its faults."""
+
+    @field_validator("stereo")
+    @classmethod
+    def _one_owner(cls, stereo: StereoSettings, about: ValidationInfo) -> StereoSettings:
+        live = stereo.driver in ("realsense", "oak") and stereo.driver in about.data.get("cameras", ())
+        if live and "serial" not in stereo.options:
+            raise ValueError(
+                f"one {stereo.driver} camera cannot give depth and stereo pairs at once, "
+                "take it out of cameras or name the serial number of another in the options of [stereo]"
+            )
+        return stereo
 
 
 def load_settings(file: Path | None = None, **given: Any) -> Settings:

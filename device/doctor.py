@@ -15,8 +15,10 @@ from typing import Any, Literal
 
 import click
 
-from device.config import Settings, load_settings
+from device.anomaly.rig import make_stereo
+from device.config import Settings, StereoSettings, load_settings
 from device.daemon import program_version
+from device.errors import DeviceError
 from device.json_text import dumps
 
 _REQUIRED = ("numpy", "scipy", "opencv-python-headless", "flask", "waitress", "pydantic", "click", "mcap")
@@ -64,6 +66,7 @@ def examine(settings: Settings) -> list[Finding]:
     ]
     findings += [_package(name) for name in _REQUIRED]
     findings += [_camera(name, *about) for name, about in _CAMERAS.items()]
+    findings += _stereo(settings.stereo)
     findings += [_data_dir(settings.data_dir), _free_space(settings), _port(settings.host, settings.port)]
     return findings
 
@@ -102,6 +105,22 @@ def _oak_cameras(module: Any) -> list[str]:
 
 
 _SEEN: dict[str, Callable[[Any], list[str]]] = {"pyrealsense2": _realsense_cameras, "depthai": _oak_cameras}
+
+
+def _stereo(settings: StereoSettings) -> list[Finding]:
+    """The stereo camera that the settings name; those of RealSense and OAK are seen above."""
+    if settings.driver == "none":
+        return []
+    what = "stereo camera"
+    try:
+        eye = make_stereo(settings, 0, lambda: None)
+    except DeviceError as error:
+        return [Finding(what, "fault", str(error), "mend the table [stereo] of the settings, or its calibration")]
+    gone = [device for device in (settings.left, settings.right) if settings.driver == "pair" and not Path(device).exists()]
+    if gone:
+        return [Finding(what, "fault", f"{' and '.join(gone)} not there", "plug both cameras in, always into the same ports")]
+    calibrated = "calibrated" if eye is not None and eye.source.calibration is not None else "as its maker calibrated it"
+    return [Finding(what, "ok", f"{settings.driver}, {calibrated}")]
 
 
 def _data_dir(folder: Path) -> Finding:

@@ -57,6 +57,9 @@ NAVIGATION: dict[str, str] = {
 """Kind -> "module:callable"; the callable takes keyword arguments of its own and returns the sensor."""
 
 STEREO_CAMERAS: dict[str, str] = {
+    "realsense": "drivers.stereo.openers:realsense",
+    "oak": "drivers.stereo.openers:oak",
+    "pair": "drivers.stereo.openers:two_cameras",
     "replay": "drivers.stereo.replay:PairReplay",
     "virtual": "drivers.virtual.openers:stereo_camera",
 }
@@ -87,8 +90,10 @@ def open_grabber(kind: str, **arguments: Any) -> FrameGrabber:
 def open_stereo_camera(kind: str, **arguments: Any) -> StereoCamera:
     """The stereo camera of a kind, made but not yet streaming: ``open`` is the caller's, who can wait and try again.
 
-    ``arguments``: "replay" takes ``folder``, ``rate_hz`` and ``loop``; "virtual" ``seed``, ``dwell`` and ``rate_hz``. Raises
-    SensorMissing for an unknown kind.
+    ``arguments``: "realsense" and "oak" take the fields of ``drivers.stereo.base.PairSettings``; "pair" ``left``, ``right``,
+    ``calibrated``, ``fps`` and ``codec``; "replay" ``folder``, ``rate_hz``, ``loop`` and ``calibrated``; "virtual" ``seed``,
+    ``dwell`` and ``rate_hz``. Raises SensorMissing for an unknown kind and for software that is not installed, ValueError for
+    arguments that cannot be.
     """
     maker: Callable[..., StereoCamera] = _named(STEREO_CAMERAS, kind, "stereo camera")
     return maker(**arguments)

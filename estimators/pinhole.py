@@ -86,6 +86,60 @@ def project_rays(rays_xy: NDArray[np.float64], intrinsics: Intrinsics) -> NDArra
     return np.stack([x * intrinsics.fx + intrinsics.ppx, y * intrinsics.fy + intrinsics.ppy], axis=1)
 
 
+@dataclass(frozen=True)
+class LensPair:
+    """Two cameras side by side, as their lenses throw the pictures. A point is p_right = ``rotation`` p_left + ``translation``:
+    (3, 3) row by row, and metres."""
+
+    left: Intrinsics
+    right: Intrinsics
+    rotation: tuple[float, ...]
+    translation: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        turned = np.asarray(self.rotation, dtype=np.float64)
+        if turned.shape != (9,) or not np.allclose(turned.reshape(3, 3) @ turned.reshape(3, 3).T, np.eye(3), atol=1e-6):
+            raise ValueError("the rotation between two cameras must be a rotation of nine numbers")
+        x, y, z = self.translation
+        if not -x > 2 * max(abs(y), abs(z)):
+            raise ValueError("the right camera must stand to the right of the left one, and at its height")
+        if self.left.size != self.right.size:
+            raise ValueError("both pictures of a pair must be of one size")
+
+
+@dataclass(frozen=True)
+class Rectified:
+    """How a LensPair's pictures are turned until the rows of both show the same line of sight. ``intrinsics`` are those of both
+    pictures; ``turns`` (3, 3) those of the left and of the right camera; a disparity of zero is infinitely far."""
+
+    intrinsics: Intrinsics
+    baseline_m: float
+    turns: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def rectified(pair: LensPair) -> Rectified:
+    """Bouguet's rectification as OpenCV has it, cut to what both lenses see."""
+    turn_left, turn_right, new_left, new_right = cv2.stereoRectify(
+        matrix_of(pair.left),
+        np.asarray(pair.left.coeffs),
+        matrix_of(pair.right),
+        np.asarray(pair.right.coeffs),
+        pair.left.size,
+        np.asarray(pair.rotation).reshape(3, 3),
+        np.asarray(pair.translation)[:, None],
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0,
+    )[:4]
+    focal = float(new_left[0, 0])
+    intrinsics = Intrinsics(*pair.left.size, focal, focal, float(new_left[0, 2]), float(new_left[1, 2]))
+    return Rectified(intrinsics, float(-new_right[0, 3] / focal), (np.asarray(turn_left), np.asarray(turn_right)))
+
+
+def matrix_of(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """The (3, 3) camera matrix."""
+    return np.array([[intrinsics.fx, 0.0, intrinsics.ppx], [0.0, intrinsics.fy, intrinsics.ppy], [0.0, 0.0, 1.0]])
+
+
 def _distort(
     x: NDArray[np.float64], y: NDArray[np.float64], coeffs: tuple[float, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -6,12 +6,14 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from device.errors import Invalid
 from drivers.stereo.base import StereoFrame
+from drivers.stereo.rectifier import Calibrated
+from estimators.pinhole import Intrinsics, LensPair
 from estimators.stereo.known_pipe import KnownPipe
 from estimators.stereo.rig import StereoRig
 
@@ -32,6 +34,59 @@ class KnownPipeCalibration(BaseModel):
     pairs: list[str]
 
 
+class Lens(BaseModel):
+    """One camera as it throws its pictures, in pixels; ``coeffs`` are k1, k2, p1, p2, k3 as in OpenCV."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    fx: float = Field(gt=0)
+    fy: float = Field(gt=0)
+    ppx: float
+    ppy: float
+    coeffs: list[float] = Field(min_length=5, max_length=5)
+
+
+class BoardCalibration(BaseModel):
+    """Two plain cameras, from views of a board. A point is p_right = ``rotation`` p_left + ``translation_m``."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Literal["board"] = "board"
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    left: Lens
+    right: Lens
+    rotation: list[float] = Field(min_length=9, max_length=9)
+    translation_m: list[float] = Field(min_length=3, max_length=3)
+    reprojection_px: float = Field(ge=0)
+    epipolar_px: float = Field(ge=0)
+    offset_std_px: float = Field(ge=0)
+    scale_std: float = Field(ge=0)
+    views: int = Field(gt=0)
+    board: str
+
+    @model_validator(mode="after")
+    def _a_pair(self) -> BoardCalibration:
+        self.lenses()  # raises ValueError for cameras that are no pair
+        return self
+
+    def lenses(self) -> LensPair:
+        """Both cameras."""
+        left, right = (
+            Intrinsics(self.width, self.height, lens.fx, lens.fy, lens.ppx, lens.ppy, "brown_conrady", tuple(lens.coeffs))
+            for lens in (self.left, self.right)
+        )
+        x, y, z = self.translation_m
+        return LensPair(left, right, tuple(self.rotation), (x, y, z))
+
+    def calibrated(self) -> Calibrated:
+        """What a driver rectifies with."""
+        return Calibrated(self.lenses(), self.offset_std_px, self.scale_std)
+
+
+StereoCalibration = KnownPipeCalibration | BoardCalibration
+
+
 def save_calibration(path: Path, calibration: BaseModel) -> None:
     """Write the file whole or not at all."""
     draft = path.with_name(path.name + ".part")
@@ -42,7 +97,7 @@ def save_calibration(path: Path, calibration: BaseModel) -> None:
         raise Invalid(f"The calibration cannot be written to {path}: {error.strerror or error}.") from error
 
 
-def load_calibration(path: Path) -> KnownPipeCalibration:
+def load_calibration(path: Path) -> StereoCalibration:
     """Read a file that ``save_calibration`` wrote. Raises Invalid."""
     try:
         found: Any = json.loads(path.read_text(encoding="utf-8"))
@@ -50,25 +105,33 @@ def load_calibration(path: Path) -> KnownPipeCalibration:
         raise Invalid(f"The calibration {path} cannot be read: {error.strerror or error}.") from error
     except (ValueError, RecursionError) as error:
         raise Invalid(f"The calibration {path} is no JSON: {error}.") from error
+    by_board = isinstance(found, dict) and found.get("kind") == "board"
+    kind: type[StereoCalibration] = BoardCalibration if by_board else KnownPipeCalibration
     try:
-        return KnownPipeCalibration.model_validate(found)
+        return kind.model_validate(found)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise Invalid(f"The calibration {path} is not one of a known pipe: {where}: {first['msg']}.") from error
+        what = "two lenses" if by_board else "a known pipe"
+        raise Invalid(f"The calibration {path} is not one of {what}: {where}: {first['msg']}.") from error
 
 
 @dataclass(frozen=True)
 class RigSource:
     """Makes the rig of a frame: what the camera states, corrected by a calibration where there is one."""
 
-    calibration: KnownPipeCalibration | None = None
+    calibration: StereoCalibration | None = None
+
+    @property
+    def lenses(self) -> Calibrated | None:
+        """What the pictures are rectified with before this is asked for their rig, None where they come rectified."""
+        return self.calibration.calibrated() if isinstance(self.calibration, BoardCalibration) else None
 
     def rig(self, frame: StereoFrame) -> StereoRig:
         """The rig to read this frame with. Raises Invalid where the calibration is of other pictures."""
         found = self.calibration
-        if found is None:
-            return StereoRig(frame.intrinsics, frame.baseline_m, frame.offset_px)
+        if not isinstance(found, KnownPipeCalibration):
+            return StereoRig(frame.intrinsics, frame.baseline_m, frame.offset_px, frame.offset_std_px, frame.scale_std)
         if found.width != frame.intrinsics.width:
             raise Invalid(f"The calibration is for pictures {found.width} wide, these are {frame.intrinsics.width}.")
         return StereoRig(

@@ -1,4 +1,4 @@
-"""``borescout anomaly``: the anomaly survey in the terminal, on recorded pairs or in the virtual sewer."""
+"""``borescout anomaly``: the anomaly survey in the terminal, on recorded pairs, in the virtual sewer or on a camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ import cv2
 import numpy as np
 
 from device.anomaly.calibration import RigSource, load_calibration
+from device.anomaly.looking import Names, Pair, looking
 from device.anomaly.picture import deviation_overlay, heat_map
+from device.anomaly.rig import StereoEye, make_stereo
+from device.config import StereoSettings
 from device.errors import Invalid
 from device.json_text import dumps
 from device.surveys.anomaly_result import inspect, refused
@@ -23,40 +26,80 @@ from drivers.stereo.replay import pair_folder, read_pair
 from estimators.anomaly.pair import PairFindings
 
 PICTURE_WIDTH = 960
+LIVE = ("realsense", "oak", "pair")
 
 
 @click.command()
 @click.option("--replay", type=click.Path(path_type=Path), help="A folder of recorded pairs with a manifest.")
 @click.option("--virtual", is_flag=True, help="A stereo camera in the virtual sewer.")
+@click.option("--camera", type=click.Choice(LIVE), help="A stereo camera; pair: two plain cameras, with --left and --right.")
+@click.option("--serial", help="With --camera: which one of several.")
+@click.option("--left", help="With --camera pair: the V4L2 device of the left camera, such as /dev/video0.")
+@click.option("--right", help="With --camera pair: the right one's.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="With --virtual: which sewer.")
-@click.option("--pairs", type=click.IntRange(1), default=6, show_default=True, help="With --virtual: how many pairs.")
+@click.option("--pairs", type=click.IntRange(1), help="How many pairs: 6 with --virtual, until Ctrl-C with --camera.")
 @click.option("--calibration", type=click.Path(path_type=Path), help="A file of borescout calibrate stereo.")
 @click.option("--pictures", type=click.Path(path_type=Path, file_okay=False), help="Save overlays and heat maps here (.png).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line instead of a table.")
 def anomaly(
     replay: Path | None,
     virtual: bool,
+    camera: str | None,
+    serial: str | None,
+    left: str | None,
+    right: str | None,
     seed: int,
-    pairs: int,
+    pairs: int | None,
     calibration: Path | None,
     pictures: Path | None,
     as_json: bool,
 ) -> int:
     """See where a pipe's wall deviates, from stereo."""
-    if (replay is not None) + virtual != 1:
-        raise Invalid("Choose one of --replay and --virtual." if virtual else "Say what to look at: --replay or --virtual.")
+    asked = (replay is not None) + virtual + (camera is not None)
+    if asked != 1:
+        raise Invalid(("Choose one of" if asked else "Say what to look at:") + " --replay, --virtual or --camera.")
+    if camera is None and (serial or left or right):
+        raise Invalid("The options --serial, --left and --right go with --camera.")
     cv2.setNumThreads(1)  # the box has other things to do
-    source = RigSource(None if calibration is None else load_calibration(calibration))
-    frames = _replayed(replay) if replay is not None else _driven(seed, pairs)
+    eye: StereoEye | None = None
+    if camera is not None:
+        eye = _eye(camera, serial, left, right, calibration)
+        source = eye.source
+        frames = looking(eye.feed, pairs)
+    else:
+        source = RigSource(None if calibration is None else load_calibration(calibration))
+        frames = _replayed(replay, source) if replay is not None else _driven(seed, 6 if pairs is None else pairs)
     if pictures is not None:
         _make(pictures)
-    headed = as_json
-    unread = total = 0
-    for names, frame in frames:
-        total += 1
+    told = _Told(as_json)
+    try:
+        for names, frame in frames:
+            told.pair(names, frame, source, pictures)
+    except KeyboardInterrupt:
+        if eye is None:
+            raise
+        _warn(f"Ended after {told.total} pairs.")
+    finally:
+        if eye is not None:
+            eye.feed.close()
+    if told.unread:
+        _warn(f"{told.unread} of {told.total} pairs could not be read.")
+    return 1 if told.unread else 0
+
+
+class _Told:
+    """The results as they come, counted."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+        self.total = self.unread = 0
+
+    def pair(self, names: Names, frame: StereoFrame | DriverError, source: RigSource, pictures: Path | None) -> None:
+        """Read one pair, save its pictures, print its line."""
+        self.total += 1
         findings = None
         if isinstance(frame, DriverError):
-            unread += 1
+            self.unread += 1
             _warn(str(frame))
             result, seconds = refused("unreadable", str(frame)), 0.0
         else:
@@ -66,21 +109,27 @@ def anomaly(
             if pictures is not None and findings is not None:
                 _save(pictures, Path(names["left"]).stem, frame, findings)
         found = {**names, **result, "seconds": round(seconds, 3)}
-        if not headed:
+        if self.total == 1 and not self._as_json:
             click.echo(_HEADING)
-            headed = True
-        click.echo(dumps(found) if as_json else _line(found))
-    if unread:
-        _warn(f"{unread} of {total} pairs could not be read.")
-    return 1 if unread else 0
+        click.echo(dumps(found) if self._as_json else _line(found))
 
 
-Names = dict[str, str]
+def _eye(camera: str, serial: str | None, left: str | None, right: str | None, calibration: Path | None) -> StereoEye:
+    given = {
+        "driver": camera,
+        "left": left or "",
+        "right": right or "",
+        "calibration": calibration,
+        "options": {} if serial is None else {"serial": serial},
+    }
+    eye = make_stereo(StereoSettings.model_validate(given), 0, lambda: None)
+    assert eye is not None  # a driver was named
+    return eye
 
 
-def _replayed(path: Path) -> Iterator[tuple[Names, StereoFrame | DriverError]]:
+def _replayed(path: Path, source: RigSource) -> Iterator[Pair]:
     """Every pair of the manifest, in its order; the error in place of one that cannot be read."""
-    folder = pair_folder(path)
+    folder = pair_folder(path, source.lenses)
     for number, entry in enumerate(folder.pairs):
         names = {"left": entry.left, "right": entry.right, "pipe": entry.pipe, "end": entry.end}
         try:
@@ -89,7 +138,7 @@ def _replayed(path: Path) -> Iterator[tuple[Names, StereoFrame | DriverError]]:
             yield names, error
 
 
-def _driven(seed: int, pairs: int) -> Iterator[tuple[Names, StereoFrame | DriverError]]:
+def _driven(seed: int, pairs: int) -> Iterator[Pair]:
     """Pairs along the virtual sewer."""
     camera = open_stereo_camera("virtual", seed=seed)
     camera.open()

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from device.anomaly.calibration import RigSource, load_calibration
+from device.anomaly.calibration import BoardCalibration, RigSource, load_calibration
 from device.config import StereoSettings
 from device.errors import Invalid
 from device.feed import StereoFeed
 from drivers.base import DriverError
 from drivers.registry import open_stereo_camera
+from drivers.stereo.base import StereoCamera
 
 
 @dataclass(frozen=True)
@@ -29,21 +30,44 @@ def make_stereo(settings: StereoSettings, seed: int, on_change: Callable[[], Non
     kind = settings.driver
     if kind == "none":
         return None
-    dwell = max(1, round(settings.hold_s * settings.rate_hz))
-    arguments: dict[str, Any] = {"rate_hz": settings.rate_hz, "dwell": dwell}
-    if kind == "replay":
-        if settings.source is None:
-            raise Invalid("Say with source in [stereo] which folder of pairs to replay.")
-        arguments |= {"folder": settings.source, "loop": True}
-    else:
-        arguments |= {"seed": seed}
     source = RigSource(None if settings.calibration is None else load_calibration(settings.calibration))
-    make = partial(open_stereo_camera, kind, **arguments)
+    make = partial(open_stereo_camera, kind, **_arguments(settings, source, seed))
+    return StereoEye(StereoFeed(_checked(make, kind).name, kind, make, recorded=kind == "replay", on_change=on_change), source)
+
+
+def _arguments(settings: StereoSettings, source: RigSource, seed: int) -> dict[str, Any]:
+    """What the driver is made with."""
+    kind = settings.driver
+    lenses = isinstance(source.calibration, BoardCalibration)
+    if lenses and kind not in ("pair", "replay"):
+        raise Invalid(f"The calibration {settings.calibration} is of two plain cameras: the driver {kind} rectifies by itself.")
+    if kind == "pair":
+        if not settings.left or not settings.right or settings.left == settings.right:
+            raise Invalid("Say with left and right in [stereo] which two cameras are the pair.")
+        if not lenses:
+            raise Invalid("Two plain cameras need a calibration by a board: see borescout calibrate stereo --board.")
+        return {"left": settings.left, "right": settings.right, "calibrated": source.lenses, **settings.options}
+    if kind in ("realsense", "oak"):
+        return dict(settings.options)
+    dwell = max(1, round(settings.hold_s * settings.rate_hz))
+    paced = {"rate_hz": settings.rate_hz, "dwell": dwell}
+    if kind == "virtual":
+        return {**paced, "seed": seed}
+    if settings.source is None:
+        raise Invalid("Say with source in [stereo] which folder of pairs to replay.")
+    return {**paced, "folder": settings.source, "loop": True, "calibrated": source.lenses}
+
+
+def _checked(make: Callable[[], StereoCamera], kind: str) -> StereoCamera:
+    """A slip of the operator's is told now, before anything is started."""
     try:
         camera = make()
         if kind == "replay":
             camera.open()  # its manifest can be read
             camera.close()
-    except DriverError as error:
-        raise Invalid(str(error)) from None
-    return StereoEye(StereoFeed(camera.name, kind, make, recorded=kind == "replay", on_change=on_change), source)
+    except (DriverError, ValueError) as error:
+        text = str(error).rstrip(".")
+        raise Invalid(f"{text[:1].upper()}{text[1:]}.") from None
+    except TypeError:
+        raise Invalid(f"The stereo driver {kind} has not all of the options that [stereo] names.") from None
+    return camera

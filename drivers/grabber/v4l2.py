@@ -75,7 +75,8 @@ class V4l2Grabber(LiveGrabber):
     """A V4L2 device such as /dev/video0.
 
     ``size`` and ``fps`` are asked for and not insisted on; ``input_index`` picks one of the grabber's sockets, ``standard`` the
-    colour standard where the grabber does not find it by itself.
+    colour standard where the grabber does not find it by itself; ``codec`` four letters such as MJPG, where the bus is too slow
+    for pictures as they are.
     """
 
     def __init__(
@@ -85,11 +86,15 @@ class V4l2Grabber(LiveGrabber):
         fps: float | None = None,
         input_index: int | None = None,
         standard: Standard | None = None,
+        codec: str | None = None,
     ) -> None:
         self._device = f"/dev/video{device}" if isinstance(device, int) or device.isdigit() else device
         if standard is not None and standard not in STANDARDS:
             raise ValueError(f"the standard is PAL or NTSC, got {standard}")
+        if codec is not None and len(codec) != 4:
+            raise ValueError(f"a codec has four letters, got {codec}")
         self._size = size
+        self._codec = codec
         self._fps = fps
         self._input_index = input_index
         self._standard: Standard | None = standard
@@ -114,6 +119,8 @@ class V4l2Grabber(LiveGrabber):
                 raise SensorMissing(self.missing()) from error
             raise SensorLost(f"The {self.name} does not start: {os.strerror(error.errno or 0)}.") from error
         settings = [cv2.CAP_PROP_FRAME_WIDTH, self._size[0], cv2.CAP_PROP_FRAME_HEIGHT, self._size[1]]
+        if self._codec is not None:
+            settings = [cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*self._codec), *settings]
         capture = cv2.VideoCapture(self._device, cv2.CAP_V4L2, settings)
         if self._fps is not None:
             capture.set(cv2.CAP_PROP_FPS, self._fps)

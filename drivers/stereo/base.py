@@ -17,8 +17,8 @@ class StereoFrame:
     """One rectified pair: ``left`` and ``right`` (H, W) grey or (H, W, 3) BGR, uint8; rows of both show the same line of sight.
 
     ``intrinsics`` of the left picture, without distortion. ``offset_px`` is what the camera knows to be too much in every
-    disparity, None where it does not know (pictures that were shifted). ``monotonic_ns`` is the host's clock on arrival;
-    ``number`` counts as the sensor counts.
+    disparity, None where it does not know (pictures that were shifted); ``offset_std_px`` and ``scale_std`` (relative, of the
+    baseline) are how well it knows. ``monotonic_ns`` is the host's clock on arrival; ``number`` counts as the sensor counts.
     """
 
     left: NDArray[np.uint8]
@@ -29,6 +29,34 @@ class StereoFrame:
     monotonic_ns: int
     number: int
     source: str = ""
+    offset_std_px: float = 0.0
+    scale_std: float = 0.0
+
+
+@dataclass(frozen=True)
+class PairSettings:
+    """What is asked of a live stereo camera. One that cannot do all of it does less and says so in ``StereoCamera.notice``.
+
+    ``fps`` in pairs a second: few, since a pair takes a box a second to read. ``emitter`` is the infrared dot projector;
+    ``exposure_us`` in microseconds, None for automatic; ``laser_power`` a share 0..1 of the projector's range, None for the
+    camera's default; ``serial`` picks one of several cameras.
+    """
+
+    width: int = 1280
+    height: int = 720
+    fps: int = 6
+    emitter: bool = True
+    exposure_us: int | None = None
+    laser_power: float | None = None
+    serial: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1 or self.fps < 1:
+            raise ValueError(f"a stereo camera cannot stream {self.width} x {self.height} at {self.fps} pairs a second")
+        if self.exposure_us is not None and self.exposure_us < 1:
+            raise ValueError(f"exposure must be a positive number of microseconds, got {self.exposure_us}")
+        if self.laser_power is not None and not 0.0 <= self.laser_power <= 1.0:
+            raise ValueError(f"laser power must be between 0 and 1, got {self.laser_power}")
 
 
 class StereoCamera(ABC):

@@ -2,7 +2,9 @@
 
 The manifest is a JSON object: ``width``, ``height`` (px), ``focal_px``, ``baseline_mm`` and ``pairs``, a list of
 ``{"left", "right"}`` with paths under the folder. ``principal_px`` [x, y] where it is not the middle, ``disparity_offset_px``
-where it is known, and ``pipe`` and ``end`` of a pair are read where they are there; nothing else is.
+where it is known, and ``pipe`` and ``end`` of a pair are read where they are there. With ``"rectified": false`` the pictures
+are as two lenses threw them: focal length and baseline are not asked for, and a calibration of those lenses must be given.
+Nothing else is read.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 
 from drivers.base import EndOfRecording, FrameTimeout, RecordingBroken, SensorLost
 from drivers.stereo.base import StereoCamera, StereoFrame
+from drivers.stereo.rectifier import Calibrated, Rectifier
 from estimators.pinhole import Intrinsics
 
 MANIFEST = "manifest.json"
@@ -38,17 +41,19 @@ class PairEntry:
 
 @dataclass(frozen=True)
 class PairFolder:
-    """A folder of pairs, all of one rig."""
+    """A folder of pairs, all of one rig. ``rectifier`` where the pictures in it are not rectified yet."""
 
     folder: Path
     intrinsics: Intrinsics
     baseline_m: float
     offset_px: float | None
     pairs: tuple[PairEntry, ...]
+    rectifier: Rectifier | None = None
 
 
-def pair_folder(folder: Path) -> PairFolder:
-    """Read the manifest. Raises RecordingBroken; the pictures themselves are not opened yet."""
+def pair_folder(folder: Path, calibrated: Calibrated | None = None) -> PairFolder:
+    """Read the manifest; ``calibrated`` are the lenses of pictures that are not rectified. Raises RecordingBroken; the pictures
+    themselves are not opened yet."""
     path = folder / MANIFEST
     if not folder.is_dir():
         raise RecordingBroken(f"There is no folder {folder}.")
@@ -63,6 +68,11 @@ def pair_folder(folder: Path) -> PairFolder:
     if not found["pairs"]:
         raise RecordingBroken(f"{path} names no pair.")
     width, height = (_whole(found, field, path) for field in ("width", "height"))
+    entries = tuple(_entry(item, f"{path}, pair {index}") for index, item in enumerate(found["pairs"]))
+    if found.get("rectified", True) is False:
+        return _as_thrown(folder, (width, height), entries, calibrated)
+    if calibrated is not None:
+        raise RecordingBroken(f"The pairs of {folder} are rectified already: the calibration of two lenses is not for them.")
     focal = _number(found, "focal_px", path)
     baseline = _number(found, "baseline_mm", path) / 1000.0
     centre = found.get("principal_px", [(width - 1) / 2, (height - 1) / 2])
@@ -71,7 +81,6 @@ def pair_folder(folder: Path) -> PairFolder:
     offset = found.get("disparity_offset_px")
     if offset is not None and not _is_number(offset):
         raise RecordingBroken(f"{path} has a disparity_offset_px that is not a number.")
-    entries = tuple(_entry(item, f"{path}, pair {index}") for index, item in enumerate(found["pairs"]))
     intrinsics = Intrinsics(width, height, focal, focal, float(centre[0]), float(centre[1]))
     return PairFolder(folder, intrinsics, baseline, None if offset is None else float(offset), entries)
 
@@ -85,6 +94,8 @@ def read_pair(folder: PairFolder, entry: PairEntry, number: int = 0) -> StereoFr
             raise RecordingBroken(
                 f"{folder.folder / path} is {picture.shape[1]} x {picture.shape[0]}, its manifest says {size[1]} x {size[0]}."
             )
+    if folder.rectifier is not None:
+        return folder.rectifier.frame(left, right, time.monotonic_ns(), number, entry.left)
     return StereoFrame(
         left, right, folder.intrinsics, folder.baseline_m, folder.offset_px, time.monotonic_ns(), number, source=entry.left
     )
@@ -97,8 +108,16 @@ class PairReplay(StereoCamera):
     A pair that cannot be read is RecordingBroken, and the next read goes on behind it.
     """
 
-    def __init__(self, folder: Path | str, rate_hz: float | None = None, loop: bool = False, dwell: int = 1) -> None:
+    def __init__(
+        self,
+        folder: Path | str,
+        rate_hz: float | None = None,
+        loop: bool = False,
+        dwell: int = 1,
+        calibrated: Calibrated | None = None,
+    ) -> None:
         self._path = Path(folder)
+        self._calibrated = calibrated
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
         self._loop = loop
         self._dwell = dwell
@@ -109,7 +128,7 @@ class PairReplay(StereoCamera):
         self.name = f"recording {self._path.name}"
 
     def _open(self) -> None:
-        folder = pair_folder(self._path)
+        folder = pair_folder(self._path, self._calibrated)
         with self._lock:
             self._folder, self._next, self._due = folder, 0, time.monotonic()
 
@@ -134,6 +153,20 @@ class PairReplay(StereoCamera):
         """Stop. Never raises, may be called twice."""
         with self._lock:
             self._folder = None
+
+
+def _as_thrown(
+    folder: Path, size: tuple[int, int], entries: tuple[PairEntry, ...], calibrated: Calibrated | None
+) -> PairFolder:
+    """A folder of pictures that are not rectified."""
+    if calibrated is None:
+        raise RecordingBroken(
+            f"The pairs of {folder} are not rectified: they need a calibration of their two lenses, by a board."
+        )
+    rectifier = Rectifier(calibrated)
+    if rectifier.size != size:
+        raise RecordingBroken(f"The calibration is for pictures of {' x '.join(map(str, rectifier.size))}, not for {folder}.")
+    return PairFolder(folder, rectifier.intrinsics, rectifier.baseline_m, 0.0, entries, rectifier)
 
 
 def _entry(item: Any, where: str) -> PairEntry:

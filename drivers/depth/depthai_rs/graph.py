@@ -42,6 +42,17 @@ class Plan:
     def stereo_depth(self) -> bool:
         return self.tof is None and any(planned.kind is stream.depth for planned in self.streams)
 
+    @property
+    def pair(self) -> bool:
+        """Both infrared pictures and no depth: they come rectified, and always two of one moment."""
+        depth = any(planned.kind is stream.depth for planned in self.streams)
+        return not depth and {planned.index for planned in self.streams if planned.kind is stream.infrared} == {1, 2}
+
+    @property
+    def rectifies(self) -> bool:
+        """Whether a StereoDepth node is in it, which turns the pair's pictures."""
+        return self.stereo_depth or self.pair
+
 
 def plan_streams(dai: Any, features: Iterable[Any], pairs: Iterable[Any], requests: Iterable[StreamRequest]) -> Plan:
     """Where each stream comes from.
@@ -81,19 +92,26 @@ def plan_streams(dai: Any, features: Iterable[Any], pairs: Iterable[Any], reques
             planned.append(PlannedStream(stream.color, 0, socket, size, pixels, fps, False))
     _refuse_unless(bool(planned))
     plan = Plan(tuple(planned), tof, left, right)
-    return _with_rectified_infrared(plan) if plan.stereo_depth else plan
+    return _with_rectified_infrared(plan) if plan.rectifies else plan
 
 
 def _with_rectified_infrared(plan: Plan) -> Plan:
-    """Beside stereo depth, infrared is what the matcher saw: rectified, and so of one size and rate with the depth."""
-    depth = next(planned for planned in plan.streams if planned.kind is stream.depth)
+    """Beside stereo depth, and as a pair, infrared is what the matcher sees: rectified, and so of one size and rate."""
+    first = _matched(plan)
+    _refuse_unless(first.size[0] % 16 == 0)
     streams = []
     for planned in plan.streams:
         if planned.kind is stream.infrared:
-            _refuse_unless(planned.size == depth.size and planned.fps == depth.fps)
-            planned = PlannedStream(planned.kind, planned.index, planned.socket, depth.size, planned.pixels, depth.fps, True)
+            _refuse_unless(planned.size == first.size and planned.fps == first.fps)
+            planned = PlannedStream(planned.kind, planned.index, planned.socket, first.size, planned.pixels, first.fps, True)
         streams.append(planned)
     return Plan(tuple(streams), plan.tof, plan.left, plan.right)
+
+
+def _matched(plan: Plan) -> PlannedStream:
+    """The stream that says of which size and rate the pair is that a plan with a StereoDepth node is made from."""
+    kind = stream.depth if plan.stereo_depth else stream.infrared
+    return next(planned for planned in plan.streams if planned.kind is kind)
 
 
 def _color_socket(dai: Any, sockets: dict[Any, Any]) -> Any:
@@ -136,20 +154,16 @@ def build_graph(dai: Any, pipeline: Any, plan: Plan) -> Graph:
 
     stereo = None
     controls: list[Any] = []
+    if plan.rectifies:
+        stereo = _stereo(dai, pipeline)
+        for socket, taken in ((plan.left, stereo.left), (plan.right, stereo.right)):
+            picture(_matched(plan), socket).link(taken)
+            controls.append(camera(socket).inputControl.createInputQueue())
     for planned in plan.streams:
-        if planned.kind is not stream.depth:
-            continue
-        if plan.tof is not None:
-            depth = _tof(dai, pipeline, plan.tof, planned.fps).depth
-        else:
-            stereo = _stereo(dai, pipeline)
-            for socket, taken in ((plan.left, stereo.left), (plan.right, stereo.right)):
-                picture(planned, socket).link(taken)
-                controls.append(camera(socket).inputControl.createInputQueue())
-            depth = stereo.depth
-        queues[stream.depth, 0] = _queue(depth)
-    for planned in plan.streams:
-        if planned.kind is stream.color:
+        if planned.kind is stream.depth:
+            depth = _tof(dai, pipeline, plan.tof, planned.fps) if stereo is None else stereo
+            queues[stream.depth, 0] = _queue(depth.depth)
+        elif planned.kind is stream.color:
             queues[stream.color, 0] = _queue(picture(planned, planned.socket))
         elif planned.kind is stream.infrared:
             if stereo is None:

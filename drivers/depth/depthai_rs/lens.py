@@ -131,3 +131,10 @@ def between(calibration: Any, source: Any, target: Any, source_rectification: An
     if source_rectification is not None:
         rotation = rotation @ np.asarray(source_rectification, dtype=np.float64).T
     return extrinsics([float(v) for v in rotation.T.ravel()], [float(v) / 100.0 for v in matrix[:3, 3]])
+
+
+def beside(calibration: Any, left: Any, right: Any, *, to_left: bool) -> extrinsics:
+    """Between the two pictures of a rectified pair: nothing but a step sideways as long as the baseline."""
+    step = np.asarray(calibration.getCameraExtrinsics(left, right), dtype=np.float64)[:3, 3] / 100.0
+    baseline = float(np.linalg.norm(step))
+    return extrinsics([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], [baseline if to_left else -baseline, 0.0, 0.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from datetime import timedelta
 from typing import Any
 
@@ -9,8 +10,10 @@ from drivers.depth.depthai_rs.configs import StreamRequest, config
 from drivers.depth.depthai_rs.devices import context, device
 from drivers.depth.depthai_rs.frames import composite_frame, frame, frame_of, stream_profile
 from drivers.depth.depthai_rs.graph import Graph, Plan, PlannedStream, build_graph, plan_streams
-from drivers.depth.depthai_rs.lens import between, extrinsics, intrinsics, lens_intrinsics, rectified_intrinsics
+from drivers.depth.depthai_rs.lens import beside, between, extrinsics, intrinsics, lens_intrinsics, rectified_intrinsics
 from drivers.depth.depthai_rs.names import stream
+
+_LEFT, _RIGHT = (stream.infrared, 1), (stream.infrared, 2)
 
 
 class pipeline_profile:
@@ -60,7 +63,8 @@ class pipeline:
         return self._started().profile
 
     def wait_for_frames(self, timeout_ms: int = 5000) -> composite_frame:
-        """The next depth picture with the latest of the other streams; without depth the next of the first stream."""
+        """The next depth picture with the latest of the other streams; without depth both infrared pictures of one moment, or
+        the next of the first stream."""
         return self._started().wait(timeout_ms)
 
     def try_wait_for_frames(self, timeout_ms: int = 5000) -> tuple[bool, composite_frame]:
@@ -96,6 +100,7 @@ class _Running:
             opened = self._device.open()
             plan = plan_streams(self._dai, opened.getConnectedCameraFeatures(), opened.getStereoPairs(), requests)
             calibration = opened.readCalibration()
+            self._plan = plan
             self._pipeline = self._dai.Pipeline(opened)
             self._graph: Graph = build_graph(self._dai, self._pipeline, plan)
             self._pipeline.start()
@@ -106,7 +111,8 @@ class _Running:
                 raise RuntimeError(str(error)) from error
             raise
         self._profiles = {(planned.kind, planned.index): _profile(calibration, plan, planned) for planned in plan.streams}
-        self._leader = next((key for key in self._profiles if key[0] is stream.depth), next(iter(self._profiles)))
+        first = _LEFT if plan.pair else next(iter(self._profiles))
+        self._leader = next((key for key in self._profiles if key[0] is stream.depth), first)
         self._latest: dict[tuple[stream, int], frame] = {}
         self.profile = pipeline_profile(self._device, list(self._profiles.values()))
 
@@ -118,10 +124,13 @@ class _Running:
 
     def next(self, timeout_ms: int) -> composite_frame | None:
         dai = self._dai
+        deadline = time.monotonic() + timeout_ms / 1000.0
         try:
             message = self._graph.queues[self._leader].get(timedelta(milliseconds=timeout_ms))
+            if self._plan.pair and message is not None:
+                message = self._with_partner(message, deadline)
             for key, queue in self._graph.queues.items():
-                if key != self._leader:
+                if key != self._leader and not (self._plan.pair and key == _RIGHT):
                     waiting = queue.tryGetAll()
                     if waiting:
                         self._latest[key] = frame_of(waiting[-1], self._profiles[key])
@@ -134,11 +143,32 @@ class _Running:
             return None
         return composite_frame([frame_of(message, self._profiles[self._leader]), *self._latest.values()])
 
+    def _with_partner(self, left: Any | None, deadline: float) -> Any | None:
+        """The left picture from ``left`` on that has a right one of the same moment, which becomes the latest; None where the
+        time is over before. Whichever of the two is older is passed over."""
+        queues = self._graph.queues
+        together = timedelta(seconds=0.5 / self._profiles[_LEFT].fps())
+        right = queues[_RIGHT].get(_until(deadline))
+        while left is not None and right is not None:
+            lag = left.getTimestampDevice() - right.getTimestampDevice()
+            if abs(lag) < together:
+                self._latest[_RIGHT] = frame_of(right, self._profiles[_RIGHT])
+                return left
+            if lag > timedelta(0):
+                right = queues[_RIGHT].get(_until(deadline))
+            else:
+                left = queues[_LEFT].get(_until(deadline))
+        return None
+
     def stop(self) -> None:
         try:
             self._pipeline.stop()
         finally:
             self._device.close()
+
+
+def _until(deadline: float) -> timedelta:
+    return timedelta(seconds=max(0.0, deadline - time.monotonic()))
 
 
 def _pick(bus: context, serial: str | None) -> device:
@@ -155,7 +185,9 @@ def _profile(calibration: Any, plan: Plan, planned: PlannedStream) -> stream_pro
     def to(other: stream_profile) -> extrinsics:
         target = next(item for item in plan.streams if (item.kind, item.index) == (other.stream_type(), other.stream_index()))
         if target.rectified and target.socket != planned.socket:
-            raise RuntimeError("Requested extrinsics are not available!")
+            if not planned.rectified or {planned.socket, target.socket} != {plan.left, plan.right}:
+                raise RuntimeError("Requested extrinsics are not available!")
+            return beside(calibration, plan.left, plan.right, to_left=target.socket == plan.left)
         return between(calibration, planned.socket, target.socket, rectification_of(calibration, plan, planned))
 
     return stream_profile(planned.kind, planned.index, planned.pixels, planned.size, planned.fps, lens, planned.rectified, to)
@@ -167,7 +199,7 @@ def calibrated_intrinsics(calibration: Any, plan: Plan, planned: PlannedStream) 
     The rectified pair shares the right camera's pin-hole and has no distortion; a time-of-flight depth is undistorted on the
     device; other pictures keep the distortion of their own lens.
     """
-    socket = plan.right if plan.stereo_depth and planned.rectified else planned.socket
+    socket = plan.right if plan.rectifies and planned.rectified else planned.socket
     matrix = calibration.getCameraIntrinsics(socket, planned.size[0], planned.size[1], keepAspectRatio=True)
     if planned.rectified:
         return rectified_intrinsics(matrix, planned.size)
@@ -177,7 +209,7 @@ def calibrated_intrinsics(calibration: Any, plan: Plan, planned: PlannedStream) 
 
 def rectification_of(calibration: Any, plan: Plan, planned: PlannedStream) -> Any | None:
     """What StereoDepth turned a stream's picture by (3, 3), None where nothing did."""
-    if not (plan.stereo_depth and planned.rectified):
+    if not (plan.rectifies and planned.rectified):
         return None
     if planned.socket == plan.left:
         return calibration.getStereoLeftRectificationRotation()
