@@ -14,6 +14,8 @@ _OFTEN = 0.25
 """Share of the scans that showed the best part of the line which must have shown a short part beyond a hole."""
 _LONG = 0.2
 """A stretch of this length (m) is pipe, however few scans have shown it."""
+_GAP = 0.4
+"""A pipe ends before a hole wider than this (m): no valve is as long."""
 _HALF = 400
 
 
@@ -23,25 +25,32 @@ class Coverage:
     def __init__(self) -> None:
         self._counts = np.zeros(2 * _HALF, dtype=int)
         self.scans = 0
+        self._ends: tuple[float, float] | None = None
 
     def add(self, along: Array) -> None:
         """One scan showed the places ``along`` (m)."""
         slots = np.unique(np.clip((np.asarray(along) / BIN).astype(int) + _HALF, 0, 2 * _HALF - 1))
         self._counts[slots] += 1
         self.scans += 1
+        self._ends = None
 
-    def ends(self, gap: float = 0.4) -> tuple[float, float]:
+    def ends(self) -> tuple[float, float]:
         """Where it begins and ends: what only one scan of several showed does not count, nor what lies beyond a wide gap.
 
         A pipe goes on behind a valve, but then it is long there or seen as often as elsewhere: a short piece that few scans
         have shown beyond a hole is something else that happens to lie on the line.
         """
+        if self._ends is None:  # asked for far more often than a scan comes
+            self._ends = self._found_ends()
+        return self._ends
+
+    def _found_ends(self) -> tuple[float, float]:
         least = 1 if self.scans < 3 else max(2, round(0.05 * float(np.percentile(self._counts[self._counts > 0], 90))))
         where = np.flatnonzero(self._counts >= least)
         if not len(where):
             return 0.0, 0.0
         where = where[self._one_pipe(where)]
-        breaks = np.flatnonzero(np.diff(where) * BIN > gap)
+        breaks = np.flatnonzero(np.diff(where) * BIN > _GAP)
         starts = np.concatenate([[0], breaks + 1])
         stops = np.concatenate([breaks, [len(where) - 1]])
         weights = [self._counts[where[a] : where[b] + 1].sum() for a, b in zip(starts, stops, strict=True)]

@@ -7,6 +7,7 @@ direction towards them. That is regular everywhere, and a scan observes exactly 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,10 +27,14 @@ class Line:
     def moved(self, error: Array) -> Line:
         """The line with ``error`` (4,) added: offsets across, then turns."""
         direction = self.direction + error[2:] @ self.across
-        direction = direction / np.linalg.norm(direction)
+        direction = direction / math.sqrt(direction @ direction)
         first = self.across[0] - (self.across[0] @ direction) * direction
-        first /= np.linalg.norm(first)
-        return Line(self.point + error[:2] @ self.across, direction, np.array([first, np.cross(direction, first)]))
+        first /= math.sqrt(first @ first)
+        # written out: this is called for each line at each reading, and numpy's cross product takes longer than all the rest
+        x, y, z = direction.tolist()
+        a, b, c = first.tolist()
+        across = np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
+        return Line(self.point + error[:2] @ self.across, direction, across)
 
     def along(self, points: Array) -> Array:
         """Places (...,) of ``points`` (..., 3) along it, from ``point``."""

@@ -42,15 +42,13 @@ class Knowledge:
 @dataclass(frozen=True)
 class MapperSettings:
     """``fuse``: how many scans are fused before the descriptor; ``same_view`` (rad): from directions no further apart than
-    this; ``new_view``: what is no further from an earlier direction is hardly new. ``doubt_after``: readings of a sensor that
-    were refused one after the other until the filter doubts itself."""
+    this. ``doubt_after``: readings of a sensor that were refused one after the other until the filter doubts itself."""
 
     apart: ApartSettings = field(default_factory=ApartSettings)
     slam: SlamSettings = field(default_factory=SlamSettings)
     descriptor: DescriptorSettings = field(default_factory=DescriptorSettings)
     fuse: int = 6
     same_view: float = 0.22
-    new_view: float = 0.15
     step_s: float = 0.2
     lost_after: int = 5
     doubt_after: Mapping[str, int] = field(default_factory=lambda: {"depth": 8, "velocity": 5, "attitude": 20})
@@ -237,12 +235,9 @@ class StructureMapper:
         pipes = leaving(self.slam, self.coverage, point)
         record.configurations.add(configuration(pipes))
         record.ports = np.log(ports_likelihood(pipes, self.slam.features[number].sightings))
-        # the same scans from the same place say little that is new
-        direction = (pose.position - point) / np.linalg.norm(pose.position - point)
-        again = sum(bool(direction @ before > np.cos(self.settings.new_view)) for before in record.seen_from)
         height = handle_height(sighting.cloud, sighting.position, np.vstack([sighting.pipes, pipes @ pose.rotation]))
         if height is not None:
-            record.handles += np.log(self.knowledge.handles[:, height]) / (1 + 0.5 * again)
+            record.handles += np.log(self.knowledge.handles[:, height])
         histograms = describe(sighting.cloud, self.settings.descriptor)
         if histograms is None:
             return None
@@ -256,9 +251,9 @@ class StructureMapper:
             described = describe(fused([(c - pose.position) @ pose.rotation for c in clouds]), self.settings.descriptor)
             if described is not None:
                 fused_seen, confusion = nearest_class(described, k.views)[0], k.fused_confusion
-        record.fused += np.log(confusion[:, fused_seen]) / (1 + 0.5 * again)
+        record.fused += np.log(confusion[:, fused_seen])
         record.views = [*record.views, view][-self.settings.fuse :]
-        record.seen_from.append(direction)
+        record.seen_from.append((pose.position - point) / np.linalg.norm(pose.position - point))
         return Recognised(
             number,
             seen,

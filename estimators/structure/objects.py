@@ -125,10 +125,10 @@ def _thickenings(
     relative = points - segment.start
     along = relative @ axis
     distance = np.linalg.norm(relative - along[:, None] * axis, axis=1)
-    near = (distance < settings.body_radius) & (along > -0.25) & (along < segment.length + 0.25)
+    near = np.flatnonzero((distance < settings.body_radius) & (along > -0.25) & (along < segment.length + 0.25))
     for other in segments:
         if other is not segment:
-            near &= _distance_to(other, points) > settings.radius + 0.02
+            near = near[_distance_to(other, points[near]) > settings.radius + 0.02]
     along, excess = along[near], distance[near] - settings.radius
     count = int(np.ceil((segment.length + 0.5) / settings.slice))
     slot = np.clip(((along + 0.25) / settings.slice).astype(int), 0, count - 1)
@@ -190,6 +190,9 @@ def _cut_out(raw: Array, place: _Place, segments: list[Segment], settings: Objec
     cap is looked for there as well. Of the pipes themselves what lies further out than the base is left away.
     """
     axis = place.main.direction
+    reach = np.hypot(max(settings.cap_length, settings.base_length), max(settings.cap_heights[1], settings.base_radius))
+    relative = raw - place.position
+    raw = raw[np.einsum("ij,ij->i", relative, relative) < (reach + 0.01) ** 2]  # most of a scan is far from it
     relative = raw - place.position
     along = relative @ axis
     off = relative - along[:, None] * axis

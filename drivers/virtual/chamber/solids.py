@@ -115,12 +115,12 @@ def cast(solids: list[Solid], origins: Array, directions: Array) -> tuple[Array,
     """Ranges (N,) of the nearest surfaces along unit rays (N, 3) from (N, 3), inf where none, and the number of the solid."""
     ranges = np.full(len(origins), np.inf)
     which = np.full(len(origins), -1)
+    own, squared = np.einsum("ij,ij->i", origins, directions), np.einsum("ij,ij->i", origins, origins)
     for number, solid in enumerate(solids):
         centre, radius = solid.ball()
-        relative = centre - origins
-        ahead = np.einsum("ij,ij->i", relative, directions)
-        apart = np.einsum("ij,ij->i", relative, relative) - ahead**2
-        near = np.flatnonzero(apart <= radius**2)
+        ahead = directions @ centre - own
+        apart = squared - 2 * (origins @ centre) + centre @ centre - ahead**2
+        near = np.flatnonzero(apart <= radius**2 + 1e-9)  # a little more than the ball, for what is lost in the differences
         if not len(near):
             continue
         met = solid.cast(origins[near], directions[near])
