@@ -90,6 +90,12 @@ def test_from_a_new_pipe_to_a_deleted_survey(watch: Callable[..., Watched], box:
     expect(page.locator(".row")).to_have_count(1)
     expect(page.locator(".row")).to_contain_text("MH 14-MH 15")
 
+    page.get_by_role("link", name="Reports").click()
+    page.get_by_role("button", name="Begin a report").click()
+    with page.expect_download() as taken:
+        page.locator(".recordings a").click()
+    assert taken.value.path().read_bytes().startswith(b"\x89MCAP"), "the report hands out the raw data of its surveys"
+
 
 @pytest.mark.parametrize("camera", [0.2], indirect=True)
 def test_a_wide_pipe_is_measured_at_two_positions(watch: Callable[..., Watched], box: Bench) -> None:
