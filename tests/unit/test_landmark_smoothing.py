@@ -31,6 +31,7 @@ from estimators.landmarks.smoothing import slips as slip_module
 from estimators.landmarks.smoothing.knots import knots_of
 from estimators.landmarks.smoothing.system import build
 from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
+from tests.bench import landmark_smoothing
 
 FOCAL_RADIUS = 120.0
 CENTRE = np.array([360.0, 288.0])
@@ -248,11 +249,27 @@ def test_the_chain_agrees_with_counting_all_sets_of_slips() -> None:
     mean = sum(w * one[0] for w, one in zip(weight, sets, strict=True))
     second = sum(w * (one[1] + np.outer(one[0], one[0])) for w, one in zip(weight, sets, strict=True))
     start = np.zeros(count, bool)
-    slack = slip_module.weigh_all(prior, start, *given_slips(start)[:2], rng)
+    given = given_slips(start)[0], given_slips(~start)[1]
+    slack = slip_module.weigh_all(prior, start, *given, rng)
     assert slack.mean == pytest.approx(mean, abs=0.02)
     assert np.diag(slack.covariance) == pytest.approx(np.diag(second - np.outer(mean, mean)), rel=0.25, abs=2e-4)
-    best, _ = slip_module.climb(prior, start, *given_slips(start)[:2])
+    best, _ = slip_module.climb(prior, start, *given)
     assert given_slips(best)[2] > np.log(weight.max()) + max(one[2] for one in sets) - 1.5 + np.log(1 / weight.max())
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_interval_at_rest_that_nothing_was_seen_of_can_be_freed() -> None:
+    # its covariance differs from its prior by less than rounding: to free it used to divide by next to nothing
+    settings = landmark_smoothing.Settings()
+    rng = np.random.default_rng([1034, 0])
+    focal_radius = landmark_smoothing.FOCAL_RADIUS * (1 + rng.normal(0, settings.nominal))
+    driven = landmark_smoothing.simulate(rng, settings, focal_radius)
+    length = Known(settings.length + rng.normal(0, settings.length_std), settings.length_std)
+    constraints = Constraints(length=length, start=Known(0.0, 0.01))
+    noise = Noise(centre_std=settings.centre_px, axis_std=settings.axis)
+    bound = landmark_smoothing.bound_of(driven, settings, NO_RINGS, constraints, noise)
+    assert (bound > 0.005).all()
+    assert (bound < 0.5).all()
 
 
 # ---- covariance and robustness

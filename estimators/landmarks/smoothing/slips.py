@@ -71,10 +71,10 @@ def learned(prior: SlipPrior, chance: Array, noise: Noise) -> SlipPrior:
     return SlipPrior(prior.spike, prior.slab, np.clip(prior.chance * np.clip(ratio, 0.3, 3.0), 1e-9, 0.99))
 
 
-def climb(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array) -> tuple[Flags, Array]:
-    """The likeliest set of slips near ``slipped``, for increments of ``mean`` and ``covariance`` under that set, and the chance
-    of each given the others."""
-    state = _State(prior, slipped, mean, covariance)
+def climb(prior: SlipPrior, slipped: Flags, mean: Array, free: Array) -> tuple[Flags, Array]:
+    """The likeliest set of slips near ``slipped``, and the chance of each given the others. ``mean`` (K - 1,) is that of the
+    increments under ``slipped``, ``free`` (K - 1, K - 1) their covariance were all of them slips."""
+    state = _State(prior, slipped, mean, free)
     for _ in range(CLIMBS):
         gain = np.where(state.slipped, -1.0, 1.0) * state.odds()
         k = int(np.argmax(gain))
@@ -84,18 +84,21 @@ def climb(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array) -> t
     return state.slipped, 1 / (1 + np.exp(-state.odds()))
 
 
-def weigh_all(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array, rng: np.random.Generator) -> Slack:
-    """The increments over all sets of slips, starting from ``slipped``, under which they have ``mean`` and ``covariance``."""
-    state = _State(prior, slipped, mean, covariance)
+def weigh_all(prior: SlipPrior, slipped: Flags, mean: Array, free: Array, rng: np.random.Generator) -> Slack:
+    """The increments over all sets of slips, starting from ``slipped``; ``mean`` and ``free`` as for ``climb``."""
+    if len(mean) == 0:
+        return Slack(mean, free, prior.chance)
+    state = _State(prior, slipped, mean, free)
     steps = int(np.clip(WORK / max(len(mean), 1) ** 2, FEWEST, STEPS))
-    total, first, second, chance = 0.0, np.zeros_like(mean), np.zeros_like(covariance), np.zeros_like(mean)
+    total, first, second, chance = 0.0, np.zeros_like(mean), np.zeros_like(free), np.zeros_like(mean)
     for _ in range(steps):
         yes = 1 / (1 + np.exp(-state.odds()))
         rate = np.where(state.slipped, 1 - yes, yes)
         time = 1 / rate.sum()
+        now, covariance = state.increments()
         total += time
-        first += time * state.mean
-        second += time * (state.covariance + np.outer(state.mean, state.mean))
+        first += time * now
+        second += time * (covariance + np.outer(now, now))
         chance += time * yes
         if total > LONG:
             break
@@ -106,31 +109,48 @@ def weigh_all(prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array, 
 
 
 class _State:
-    """Increments under one set of slips."""
+    """Increments under one set of slips, as what the rest of the run says of them.
 
-    def __init__(self, prior: SlipPrior, slipped: Flags, mean: Array, covariance: Array) -> None:
+    With variances V of the prior and L of the rest, the rest expects y: ``pull`` is W y and ``weight`` W = (V + L)^-1, both of
+    which stay small where nothing is known and exact where V is next to nothing. The covariance itself, V - V W V, does
+    neither: an interval at rest that nothing was seen of has one that differs from its prior by less than a double can tell,
+    and to free it divides by that difference.
+    """
+
+    def __init__(self, prior: SlipPrior, slipped: Flags, mean: Array, free: Array) -> None:
         self.prior, self.slipped = prior, slipped.copy()
-        self.mean, self.covariance = mean.copy(), covariance.copy()
+        self.pull = mean / prior.variance(slipped)
+        wide = prior.slab
+        weight = (np.diag(wide) - (free + free.T) / 2) / np.outer(wide, wide)
+        rest = np.flatnonzero(~slipped)
+        narrower = np.diag(1 / (wide - prior.spike)[rest]) - weight[np.ix_(rest, rest)]
+        self.weight = weight + weight[:, rest] @ np.linalg.solve(narrower, weight[rest])
+
+    def increments(self) -> tuple[Array, Array]:
+        """Their mean (K - 1,) and covariance (K - 1, K - 1)."""
+        variance = self.prior.variance(self.slipped)
+        return variance * self.pull, np.diag(variance) - np.outer(variance, variance) * self.weight
 
     def odds(self) -> Array:
         """ln odds (K - 1,) that each interval slipped, given all that was seen and which others did."""
         prior = self.prior
-        spread = np.maximum(np.diag(self.covariance), 1e-14)
-        # what the rest of the run says of each interval: its marginal without its own prior
-        rest = np.maximum(1 / spread - 1 / prior.variance(self.slipped), 1e-6)
-        variance, mean = 1 / rest, self.mean / (spread * rest)
-        none, some = variance + prior.spike, variance + prior.slab
-        odds = np.log(prior.chance / (1 - prior.chance)) + 0.5 * np.log(none / some)
-        odds = np.clip(odds + 0.5 * mean**2 * (1 / none - 1 / some), -300, 300)
-        return np.asarray(odds, dtype=np.float64)
+        wider, share = self._change()
+        gain = 0.5 * (wider * self.pull**2 / share - np.log(share))
+        odds = np.log(prior.chance / (1 - prior.chance)) + np.where(self.slipped, -gain, gain)
+        return np.asarray(np.clip(odds, -300, 300), dtype=np.float64)
 
     def flip(self, k: int) -> None:
-        before = self.prior.variance(self.slipped)[k]
+        wider, share = self._change()
+        column = self.weight[:, k] * (wider[k] / share[k])
+        self.pull = self.pull - column * self.pull[k]
+        self.weight = self.weight - np.outer(column, self.weight[:, k])
         self.slipped[k] = not self.slipped[k]
-        more = 1 / self.prior.variance(self.slipped)[k] - 1 / before
-        column = self.covariance[:, k] / max(1 + more * self.covariance[k, k], 1e-12)
-        self.mean = self.mean - column * (more * self.mean[k])
-        self.covariance -= np.outer(column * more, self.covariance[:, k])
+
+    def _change(self) -> tuple[Array, Array]:
+        """By how much (K - 1,) each variance would grow if its interval were flipped, and how much that of what the rest
+        expects would be of what it is: no less than the share that its prior would be."""
+        before, after = self.prior.variance(self.slipped), self.prior.variance(~self.slipped)
+        return after - before, np.maximum(1 + (after - before) * np.diag(self.weight), np.minimum(after / before, 1.0))
 
 
 def report(run: Run, knots: Knots, slack: Slack, prior: SlipPrior, positions: Array) -> tuple[Slip, ...]:

@@ -56,7 +56,8 @@ def _iterate(system: System, noise: Noise, rng: np.random.Generator) -> Smoothed
         precision = 1 / prior.variance(slipped)
         state, information = _step(system, fixed, precision, state, scatter.tempered(temper), noise)
         if PATIENCE <= iteration < RESOLVED and len(slipped):
-            slipped, chance = slips.climb(prior, slipped, *_increments(system, information, state))
+            free = _increments(system, _freed(system, information, precision, prior))
+            slipped, chance = slips.climb(prior, slipped, _slack_steps(system, state), free)
             if iteration >= len(TEMPER):
                 prior = slips.learned(believed, chance, noise)
         if iteration >= len(TEMPER):
@@ -69,18 +70,30 @@ def _iterate(system: System, noise: Noise, rng: np.random.Generator) -> Smoothed
         if iteration > len(TEMPER) and change < CLOSE and (slipped == slipped_before).all():
             converged = True
             break
-    information, _ = _normal(system, fixed, 1 / prior.variance(slipped), state, scatter, noise)
-    factor = _factorise(information)
-    increments = _increments(system, factor, state)
-    slack = slips.weigh_all(prior, slipped, *increments, rng) if len(slipped) else slips.Slack(*increments, prior.chance)
+    precision = 1 / prior.variance(slipped)
+    information, _ = _normal(system, fixed, precision, state, scatter, noise)
+    factor = _freed(system, information, precision, prior)
+    slack = slips.weigh_all(prior, slipped, _slack_steps(system, state), _increments(system, factor), rng)
     return _result(system, prior, slack, factor, state, scatter, noise, iteration, converged)
 
 
-def _increments(system: System, factor: Any, state: Array) -> tuple[Array, Array]:
-    """Mean (K - 1,) and covariance (K - 1, K - 1) of the slack's increments."""
+def _freed(system: System, information: Sparse, precision: Array, prior: slips.SlipPrior) -> Any:
+    """The information, factorised, as it would be were every interval one with a slip: what is at rest has a variance that is
+    lost beside the others', and the rest of the run says of the increments what it says whatever their prior."""
+    step = system.increments
+    return _factorise(sparse.csc_matrix(information + step.T @ (sparse.diags_array(1 / prior.slab - precision) @ step)))
+
+
+def _slack_steps(system: System, state: Array) -> Array:
+    """The slack's increments (K - 1,)."""
+    return np.diff(state[system.layout.slack : system.layout.landmarks])
+
+
+def _increments(system: System, factor: Any) -> Array:
+    """Covariance (K - 1, K - 1) of the slack's increments."""
     layout = system.layout
     covariance = _columns(factor, layout.slack, layout.landmarks)[layout.slack : layout.landmarks]
-    return np.diff(state[layout.slack : layout.landmarks]), np.diff(np.diff(covariance, axis=0), axis=1)
+    return np.diff(np.diff(covariance, axis=0), axis=1)
 
 
 def _cost(system: System, precision: Array, state: Array, scatter: Scatter, noise: Noise) -> float:
@@ -107,21 +120,22 @@ def _normal(
     return sparse.csc_matrix(information), np.asarray(gradient, dtype=np.float64)
 
 
-def _step(system: System, fixed: Sparse, precision: Array, state: Array, scatter: Scatter, noise: Noise) -> tuple[Array, Any]:
-    """One Levenberg-Marquardt step, and the factorised information at where it began."""
+def _step(
+    system: System, fixed: Sparse, precision: Array, state: Array, scatter: Scatter, noise: Noise
+) -> tuple[Array, Sparse]:
+    """One Levenberg-Marquardt step, and the information at where it began."""
     information, gradient = _normal(system, fixed, precision, state, scatter, noise)
     cost = _cost(system, precision, state, scatter, noise)
-    factor = _factorise(information)
-    step = factor.solve(gradient)
+    step = _factorise(information).solve(gradient)
     damping = 1e-3
     for _ in range(12):
         trial = state - step
         if _cost(system, precision, trial, scatter, noise) <= cost + 1e-9 * abs(cost):
-            return trial, factor
+            return trial, information
         damped = information + sparse.diags_array(damping * information.diagonal())
         step = _factorise(sparse.csc_matrix(damped)).solve(gradient)
         damping *= 6
-    return state, factor
+    return state, information
 
 
 def _factorise(information: Sparse) -> Any:
@@ -182,7 +196,7 @@ def _result(
 
 def _over_all_slips(system: System, slack: slips.Slack, factor: Any, state: Array) -> tuple[Array, Array]:
     """State, and covariance of all but the errors of centre and axis, with the increments as they are over all sets of slips:
-    the rest follows them linearly."""
+    the rest follows them linearly, by what ``factor`` says where all are free to slip."""
     layout = system.layout
     covariance = _columns(factor, 0, layout.centres)
     if len(slack.mean) == 0:
@@ -190,8 +204,7 @@ def _over_all_slips(system: System, slack: slips.Slack, factor: Any, state: Arra
     steps = np.diff(covariance[:, layout.slack : layout.landmarks], axis=1)
     between = np.diff(steps[layout.slack : layout.landmarks], axis=0)
     follow = np.linalg.solve((between + between.T) / 2, steps.T).T
-    mean = np.diff(state[layout.slack : layout.landmarks])
-    state = state + follow @ (slack.mean - mean)
+    state = state + follow @ (slack.mean - _slack_steps(system, state))
     follow = follow[: layout.centres]
     return state, covariance[: layout.centres] + follow @ (slack.covariance - between) @ follow.T
 
