@@ -32,7 +32,7 @@ class ObjectSettings:
     cap_length: float = 0.26
     cap_width: float = 0.10
     least_points: int = 25
-    junction_sigma: float = 0.010
+    junction_sigma: float = 0.006
     inline_sigma: float = 0.015
     end_sigma: float = 0.05
 

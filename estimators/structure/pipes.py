@@ -28,8 +28,8 @@ class PipeSettings:
     noise: float = 0.006
     gap: float = 0.27
     least_piece: float = 0.08
-    floor_offset: float = 0.0012
-    floor_turn: float = 0.0015
+    floor_offset: float = 0.0008
+    floor_turn: float = 0.0010
     clean_share: float = 0.6
     doubt_offset: float = 0.010
     doubt_turn: float = 0.035

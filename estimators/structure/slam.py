@@ -21,7 +21,7 @@ class SlamSettings:
     acceleration: float = 0.02
     turning: float = 0.005
     rate_hz: float = 20.0
-    start: float = 0.002
+    start: float = 0.0005
     start_depth: float = 0.02
     start_velocity: float = 0.2
     near_line: float = 0.10
