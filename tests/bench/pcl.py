@@ -93,8 +93,9 @@ class PclCylinder:
         self._folder.cleanup()
 
 
-def build(folder: Path, source: Path, packages: Sequence[str]) -> Path:
-    """Compile ``source`` against PCL's ``packages`` into ``folder``. Ends the program with one sentence where it cannot be."""
+def build(folder: Path, source: Path, packages: Sequence[str], more: Sequence[str] = ()) -> Path:
+    """Compile ``source`` against PCL's ``packages`` into ``folder``, with ``more`` flags before PCL's own. Ends the program
+    with one sentence where it cannot be."""
     for tool in ("g++", "pkg-config"):
         if shutil.which(tool) is None:
             fail(f"The PCL benchmark needs {tool}: apt-get install g++ pkg-config libpcl-dev")
@@ -102,7 +103,7 @@ def build(folder: Path, source: Path, packages: Sequence[str]) -> Path:
     if flags.returncode != 0:
         fail("PCL is not installed: apt-get install libpcl-dev")
     program = folder / source.stem
-    command = ["g++", "-std=c++17", "-O3", "-DNDEBUG", str(source), "-o", str(program), *flags.stdout.split()]
+    command = ["g++", "-std=c++17", "-O3", "-DNDEBUG", *more, str(source), "-o", str(program), *flags.stdout.split()]
     compiled = subprocess.run(command, capture_output=True, text=True)
     if compiled.returncode != 0:
         fail(f"The PCL program did not compile: {compiled.stderr.strip().splitlines()[-1]}")

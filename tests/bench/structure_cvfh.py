@@ -2,10 +2,13 @@
 
     python -m tests.bench.structure_cvfh            50 clouds with noise; needs g++, pkg-config and libpcl-dev
     python -m tests.bench.structure_cvfh --clouds 10
-    python -m tests.bench.structure_cvfh --program PATH    with a pcl_cvfh that has been compiled already
+    python -m tests.bench.structure_cvfh --programs PATH PATH    as shipped and in order, where they are compiled already
 
-Both are given the same points and make their own normals. Where noise leaves two smooth parts joined by a single pair of
-points, PCL may part them and we not: it passes over one neighbour of each point, taking it for the point itself.
+Both are given the same points and make their own normals. PCL is compared with twice: as it is shipped, and with one word of
+its header changed. When PCL grows smooth parts it passes over the first neighbour of each point, which its comment takes for
+the point itself; but it asks for neighbours in no order (``KdTree (false)``), so it passes over any of them, and where two
+patches are joined by few pairs of points it may part them. With neighbours in order (``true``) it does what its comment says,
+and so do we.
 """
 
 from __future__ import annotations
@@ -34,28 +37,41 @@ Array = NDArray[np.float64]
 
 _SOURCE = Path(__file__).with_name("pcl_cvfh.cpp")
 _PACKAGES = ("pcl_features", "pcl_search", "pcl_kdtree", "pcl_common")
+_HEADER = Path("pcl/features/impl/cvfh.hpp")
 NOISES_M = (0.0, 0.002, 0.005)
+HEADER = ["noise (mm)", "histograms", "min", "1st percentile", "median", "at least 0.98", "same parts", "ours (ms)", "PCL (ms)"]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--clouds", type=int, default=50)
-    parser.add_argument("--program", type=Path, help="the compiled oracle")
+    parser.add_argument("--programs", type=Path, nargs=2, help="the compiled oracles: as shipped, in order")
     arguments = parser.parse_args()
-    rows = []
-    with tempfile.TemporaryDirectory(prefix="borescout-pcl-") as folder:
-        program = arguments.program or build(Path(folder), _SOURCE, _PACKAGES)
-        oracle = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        version = _answer(oracle)["pcl"]
-        for noise in NOISES_M:
-            rows.append(compare(oracle, Path(folder) / "cloud.f32", arguments.clouds, noise))
-        oracle.kill()
-        oracle.wait()
-    print_table(
-        f"CVFH against PCL {version} on {arguments.clouds} clouds",
-        ["noise (mm)", "histograms", "min", "1st percentile", "median", "at least 0.98", "same parts", "ours (ms)", "PCL (ms)"],
-        rows,
-    )
+    with tempfile.TemporaryDirectory(prefix="borescout-pcl-") as name:
+        folder = Path(name)
+        programs = arguments.programs or (build(folder, _SOURCE, _PACKAGES), in_order(folder / "in order"))
+        for program, title in zip(programs, ("as shipped", "its neighbours in order"), strict=True):
+            oracle = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+            version = _answer(oracle)["pcl"]
+            rows = [compare(oracle, folder / "cloud.f32", arguments.clouds, noise) for noise in NOISES_M]
+            oracle.kill()
+            oracle.wait()
+            print_table(f"CVFH against PCL {version}, {title}, on {arguments.clouds} clouds", HEADER, rows)
+
+
+def in_order(folder: Path) -> Path:
+    """The oracle compiled with PCL's header as its comment means it: neighbours nearest first."""
+    flags = subprocess.run(["pkg-config", "--cflags-only-I", *_PACKAGES], capture_output=True, text=True).stdout.split()
+    headers = [Path(flag[2:]) / _HEADER for flag in flags if (Path(flag[2:]) / _HEADER).exists()]
+    if not headers:
+        fail(f"PCL's {_HEADER} is not where pkg-config says.")
+    text = headers[0].read_text(encoding="utf-8")
+    changed = text.replace("KdTree<pcl::PointNormal> (false)", "KdTree<pcl::PointNormal> (true)")
+    if changed == text:
+        fail(f"{headers[0]} asks for its neighbours in another way than that of PCL 1.13.")
+    (folder / _HEADER).parent.mkdir(parents=True)
+    (folder / _HEADER).write_text(changed, encoding="utf-8")
+    return build(folder, _SOURCE, _PACKAGES, (f"-I{folder}", "-DPCL_NO_PRECOMPILE"))
 
 
 def compare(oracle: subprocess.Popen[str], path: Path, count: int, noise: float) -> list[object]:
