@@ -1,24 +1,42 @@
 // The anomaly page: aim the stereo camera, see what it would see, scan, wait.
 
 import { ask } from "./api.js";
-import { announce, byId, setData, setIcon, setText, showFailure, svg, wake } from "./dom.js";
+import { byId, setData, setIcon, setText, svg, wake } from "./dom.js";
+import { readNumber } from "./numbers.js";
 import { PicturePoller, viewState } from "./picture.js";
 import { PipeChooser } from "./pipes.js";
+import { Running } from "./running.js";
 import { startShell } from "./shell.js";
 import { CAMERAS, age, percent } from "./words.js";
 
 const READY = { reason: "Both cameras see the wall.", remedy: "Hold the box still and press Scan." };
 const WAITING = { reason: "Waiting for the stereo camera …", remedy: "It is started when somebody looks; this takes a few seconds." };
-const MISSING_END_MS = 4000;
 const ASK_MS = 2500;
 
 const available = byId("anomaly").dataset.available === "yes";
 const now = () => performance.now() / 1000;
 const seen = { state: null, at: 0, pictureAt: null };
-let running = null;
 
 const feed = startShell({ live: "anomaly" });
 const chooser = new PipeChooser(() => {});
+const running = new Running({
+  kind: "anomaly",
+  path: "/anomaly",
+  noun: "scan",
+  doing: "Scanning",
+  silenceMs: 4000,
+  lock: (on) => (chooser.disabled = on),
+  describe: (survey) => {
+    const computing = survey.state === "computing";
+    const wanted = survey.frames_wanted || 1;
+    return {
+      word: computing ? "Computing" : "Hold still",
+      count: `${Math.min(survey.frames_done + (computing ? 1 : 0), wanted)} of ${wanted} pairs`,
+      value: survey.frames_done + (computing ? wanted : 0),
+      max: 2 * wanted,
+    };
+  },
+});
 
 // --- what the camera sees -------------------------------------------------------------------------------------------------------
 
@@ -53,7 +71,7 @@ function showLive() {
   const camera = seen.state?.camera;
   const late = now() - seen.at;
   const live = seen.state?.live && seen.state.live.age_s + late < 8 && feed.link === "up" ? seen.state.live : null;
-  const key = JSON.stringify([live?.frame, camera?.state, feed.link, running !== null]);
+  const key = JSON.stringify([live?.frame, camera?.state, feed.link, running.on]);
   if (key === shown) return;
   shown = key;
   showTarget(live);
@@ -62,7 +80,7 @@ function showLive() {
   setText(byId("aim-aside"), live ? aside(live) : "–");
   setText(byId("aim-radius"), live?.radius_mm ? `${live.radius_mm} mm` : "–");
   byId("start").disabled = !available || feed.link === "lost";
-  if (running) return showPrompt("good", { reason: "Scanning.", remedy: "Hold the box still until the pairs are taken." });
+  if (running.on) return showPrompt("good", { reason: "Scanning.", remedy: "Hold the box still until the pairs are taken." });
   if (feed.link === "lost") return showPrompt("lost", { reason: "No link to the box.", remedy: "Stay near the box and check that this device is on its Wi-Fi." });
   if (camera?.state === "lost") return showPrompt("lost", { reason: "The stereo camera is lost.", remedy: camera.message });
   if (live) return showPrompt(live.level, live.prompt ?? READY);
@@ -98,104 +116,24 @@ function onState(state) {
   seen.at = now();
   const tether = byId("chainage-tether");
   tether.hidden = state.chainage_m === null;
-  if (state.state !== "idle") showRunning(state);
-  else if (running && now() - running.heard > MISSING_END_MS / 1000) findOut(running);
+  running.heard(state);
   showView();
 }
 
 // --- scanning -------------------------------------------------------------------------------------------------------------------
 
-function showRunning(survey) {
-  const started = running === null;
-  running = { id: survey.survey_id, heard: now() };
-  byId("idle").hidden = true;
-  byId("running").hidden = false;
-  chooser.disabled = true;
-  const computing = survey.state === "computing";
-  setText(byId("running-word"), computing ? "Computing" : "Hold still");
-  const wanted = survey.frames_wanted || 1;
-  setText(byId("running-count"), `${Math.min(survey.frames_done + (computing ? 1 : 0), wanted)} of ${wanted} pairs`);
-  byId("progress").max = 2 * wanted;
-  byId("progress").value = survey.frames_done + (computing ? wanted : 0);
-  if (started) {
-    announce("Scanning. Hold the box still.");
-    showFailure(byId("failed"), null);
-    if (document.activeElement === document.body || document.activeElement === byId("start")) byId("cancel").focus();
-  }
-}
-
-function showIdle(message, failed) {
-  if (running !== null && byId("running").contains(document.activeElement)) setTimeout(() => byId("start").focus());
-  running = null;
-  byId("idle").hidden = false;
-  byId("running").hidden = true;
-  chooser.disabled = false;
-  showFailure(byId("failed"), failed ? message : null);
-  if (!failed && message) announce(message);
-}
-
-function finished(surveyId) {
-  announce("Saved.");
-  location.assign(`/surveys/${surveyId}`);
-}
-
-// The stream may have been away when the scan ended: then the box is asked what became of it.
-async function findOut(survey) {
-  try {
-    await ask(`/surveys/${survey.id}`);
-    finished(survey.id);
-  } catch (error) {
-    showIdle(error.status === 404 ? "The scan ended without a result." : error.message, true);
-  }
-}
-
-function onMeasurement(event) {
-  if (event.kind !== "anomaly") return;
-  if (event.state === "measuring" || event.state === "computing") showRunning(event);
-  else if (event.state === "saved" && running) finished(event.survey_id);
-  else if (event.state === "cancelled") showIdle("The scan was cancelled.", false);
-  else if (event.state === "failed") showIdle(event.message || "The scan failed.", true);
-}
-
-// "12,5" and "12.5 m" are a chainage as well.
-function chainage() {
-  const text = byId("chainage").value.trim().replace(/\s*m$/i, "").replace(",", ".");
-  if (!text) return null;
-  const value = Number(text);
-  if (!Number.isFinite(value)) throw new Error("Camera stands at: a number of metres, or nothing.");
-  return value;
-}
-
-async function start() {
-  byId("start").disabled = true;
-  showFailure(byId("failed"), null);
-  try {
-    const body = { pipe_id: chooser.chosen?.id ?? null, chainage_m: chainage() };
-    const { survey_id: surveyId } = await ask("/anomaly", { method: "POST", body });
-    if (running === null) showRunning({ survey_id: surveyId, state: "measuring", frames_done: 0, frames_wanted: Number(byId("anomaly").dataset.pairs) });
-  } catch (error) {
-    showFailure(byId("failed"), error.message);
-  } finally {
-    byId("start").disabled = !available;
-  }
-}
-
-async function cancel() {
-  try {
-    await ask("/anomaly/cancel", { method: "POST" });
-  } catch (error) {
-    showFailure(byId("failed"), error.message);
-  }
-}
+const asked = () => ({
+  pipe_id: chooser.chosen?.id ?? null,
+  chainage_m: readNumber(byId("chainage").value.replace(/\s*m\s*$/i, ""), "Camera stands at"),
+});
 
 // --- wiring ---------------------------------------------------------------------------------------------------------------------
 
-byId("start").addEventListener("click", start);
-byId("cancel").addEventListener("click", cancel);
+byId("start").addEventListener("click", () => running.start(asked, Number(byId("anomaly").dataset.pairs)));
 byId("chainage-tether").addEventListener("click", () => (byId("chainage").value = seen.state.chainage_m.toFixed(2)));
 feed.on("anomaly", onState);
-feed.on("measurement", onMeasurement);
-feed.on("prompt", (prompt) => prompt.kind === "anomaly" && !byId("failed").hidden && showFailure(byId("failed"), `${prompt.reason} ${prompt.remedy}`));
+feed.on("measurement", (event) => running.event(event));
+feed.on("prompt", (prompt) => running.prompt(prompt));
 feed.on("link", showView);
 
 async function askAgain() {

@@ -2,19 +2,15 @@
 
 import { ask } from "./api.js";
 import { html } from "./dom.js";
+import { View3d, boundsOf, projector, square, unit } from "./view3d.js";
 
 const RINGS = 7;
 const SIDES = 40;
-const STEP = 0.16;
-
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const unit = (a) => a.map((part) => part / Math.hypot(...a));
 
 // The cylinder's wireframe as polylines of 3-D points: rings along the axis and four lines between them.
 export function wireframe({ axis, point, radius, from, to }) {
   const along = unit(axis);
-  const u = unit(cross(along, Math.abs(along[1]) < 0.9 ? [0, 1, 0] : [1, 0, 0]));
-  const v = cross(along, u);
+  const [u, v] = square(along);
   const at = (t, angle) => point.map((p, i) => p + t * along[i] + radius * (Math.cos(angle) * u[i] + Math.sin(angle) * v[i]));
   const lines = [];
   for (let ring = 0; ring < RINGS; ring += 1) {
@@ -36,20 +32,6 @@ export function seenLength({ points, inlier, cylinder: { axis, point } }) {
   return { from: places[Math.floor(places.length * 0.02)], to: places[Math.floor(places.length * 0.98)] };
 }
 
-export function projector({ centre, yaw, pitch, zoom, width, height, size }) {
-  const [cy, sy, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
-  const focal = (Math.min(width, height) / size) * zoom * 2.2;
-  return (p) => {
-    const [x, y, z] = p.map((part, i) => part - centre[i]);
-    const x1 = cy * x + sy * z;
-    const z1 = -sy * x + cy * z;
-    const y2 = cp * y - sp * z1;
-    const z2 = sp * y + cp * z1;
-    const depth = z2 / size + 2.2;
-    return [width / 2 + (focal * x1) / depth, height / 2 + (focal * y2) / depth, depth];
-  };
-}
-
 // Pale on the wall, red inwards, blue outwards, full at 10 mm.
 function deviationColour(mm) {
   const strength = Math.min(Math.abs(mm) / 10, 1);
@@ -58,51 +40,14 @@ function deviationColour(mm) {
   return `rgb(${mix(r)} ${mix(g)} ${mix(b)})`;
 }
 
-export class CloudView {
+class CloudView extends View3d {
   constructor(canvas, cloud) {
-    this.canvas = canvas;
+    super(canvas, { yaw: -0.75, pitch: -0.35 });
     this.cloud = cloud;
     this.lines = cloud.cylinder ? wireframe({ ...cloud.cylinder, ...seenLength(cloud) }) : [];
     // The cylinder fills the view where there is one: a few stray points far away must not shrink it to nothing.
-    const shown = this.lines.length ? this.lines.flat() : cloud.points;
-    const range = [0, 1, 2].map((i) => shown.reduce(([a, b], p) => [Math.min(a, p[i]), Math.max(b, p[i])], [Infinity, -Infinity]));
-    this.centre = range.map(([a, b]) => (a + b) / 2);
-    this.size = Math.max(...range.map(([a, b]) => b - a), 0.1) * 1.1;
-    this.home();
-    canvas.addEventListener("pointerdown", (event) => {
-      this.last = [event.clientX, event.clientY];
-      canvas.setPointerCapture(event.pointerId);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      if (!this.last) return;
-      this.turn((event.clientX - this.last[0]) / 140, (event.clientY - this.last[1]) / 140);
-      this.last = [event.clientX, event.clientY];
-    });
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => (this.last = null));
-    canvas.addEventListener("keydown", (event) => {
-      const action = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] }[event.key];
-      if (action) this.turn(...action);
-      else if (event.key === "+" || event.key === "=") this.magnify(1.2);
-      else if (event.key === "-") this.magnify(1 / 1.2);
-      else if (event.key === "Home") this.home();
-      else return;
-      event.preventDefault();
-    });
-  }
-
-  home() {
-    Object.assign(this, { yaw: -0.75, pitch: -0.35, zoom: 1 });
-    this.draw();
-  }
-
-  turn(yaw, pitch) {
-    this.yaw += yaw;
-    this.pitch = Math.min(Math.max(this.pitch + pitch, -1.5), 1.5);
-    this.draw();
-  }
-
-  magnify(factor) {
-    this.zoom = Math.min(Math.max(this.zoom * factor, 0.4), 6);
+    const { centre, size } = boundsOf(this.lines.length ? this.lines.flat() : cloud.points);
+    Object.assign(this, { centre, size: Math.max(size, 0.1) * 1.1 });
     this.draw();
   }
 
@@ -161,21 +106,8 @@ export async function showCloud(place, surveyId) {
     "aria-label": `Point cloud of ${cloud.points.length} points${cloud.deviation_mm ? "" : `, ${inside} of them on the fitted cylinder`}. Arrow keys turn it, plus and minus zoom, Home resets.`,
   });
   const view = new CloudView(canvas, cloud);
-  const button = (text, label, action) => {
-    const element = html("button", { type: "button", class: "button quiet", "aria-label": label }, text);
-    element.addEventListener("click", action);
-    return element;
-  };
-  const buttons = html("div", { class: "cloud-buttons", role: "group", "aria-label": "Turn the cloud" }, [
-    button("◀", "Turn left", () => view.turn(-STEP * 2, 0)),
-    button("▶", "Turn right", () => view.turn(STEP * 2, 0)),
-    button("▲", "Turn up", () => view.turn(0, -STEP * 2)),
-    button("▼", "Turn down", () => view.turn(0, STEP * 2)),
-    button("+", "Closer", () => view.magnify(1.3)),
-    button("−", "Farther", () => view.magnify(1 / 1.3)),
-  ]);
   const told = cloud.deviation_mm ? "Red points come inwards, blue ones fall outwards; full colour at 10 mm." : `Blue squares lie on the cylinder (${inside} of ${cloud.points.length} points), orange crosses do not.`;
   const words = html("p", { class: "small" }, told);
-  place.replaceChildren(canvas, buttons, words);
+  place.replaceChildren(canvas, view.buttons("Turn the cloud"), words);
   return view;
 }

@@ -1,28 +1,46 @@
 // The measuring page: aim, see, press, wait.
 
-import { ask } from "./api.js";
-import { announce, byId, setData, setIcon, setText, showFailure, wake } from "./dom.js";
+import { announce, byId, setData, setIcon, setText, wake } from "./dom.js";
 import { gauge } from "./gauge.js";
 import { drawOverlay } from "./overlay.js";
 import { PicturePoller, viewState } from "./picture.js";
 import { PipeChooser } from "./pipes.js";
+import { Running } from "./running.js";
 import { startShell } from "./shell.js";
 import { CAMERAS, LEVELS, age, millimetres } from "./words.js";
 
 const READY = { reason: "The circle lies on the wall.", remedy: "Hold the box still and press Measure." };
 const WAITING = { reason: "Waiting for the box …", remedy: "The first values come within seconds." };
 const MEASURING = { reason: "Measuring.", remedy: "Hold the box still until all frames are in." };
-const MISSING_END_MS = 2500;
 
 const second = byId("second");
 const wide = window.matchMedia("(min-width: 60rem)");
 const views = document.querySelector(".views");
 const now = () => performance.now() / 1000;
 const seen = { status: null, statusAt: 0, live: null, liveAt: 0, depthAt: null, colorAt: null, noColor: false };
-let running = null; // the survey being measured, as this page knows it
 
 const feed = startShell({ live: "live" });
 const chooser = new PipeChooser(showReference);
+const running = new Running({
+  kind: "diameter",
+  path: "/measure",
+  noun: "measurement",
+  doing: "Measuring",
+  silenceMs: 2500,
+  lock: (on) => {
+    chooser.disabled = on || Boolean(second);
+    byId("position").disabled = on;
+  },
+  describe: (survey) => {
+    const computing = survey.state === "computing";
+    return {
+      word: computing ? "Computing …" : "Hold still",
+      count: computing ? "" : `${survey.frames_done} of ${survey.frames_wanted} frames`,
+      value: computing ? null : survey.frames_done,
+      max: survey.frames_wanted || 1,
+    };
+  },
+});
 
 function showReference(pipe) {
   setText(byId("reference"), pipe?.reference_dn ? `map: DN ${pipe.reference_dn}` : "");
@@ -108,7 +126,7 @@ function showLive() {
   drawOverlay(byId("overlay"), live?.circle, level);
   const camera = bestCamera();
   byId("start").disabled = feed.link === "lost" || camera?.state === "lost";
-  if (live && running && level !== "none") showPrompt("good", MEASURING);
+  if (live && running.on && level !== "none") showPrompt("good", MEASURING);
   else if (live) showPrompt(level, live.prompt ?? (level === "none" ? WAITING : READY));
   else if (feed.link === "lost") showPrompt("lost", { reason: "No link to the box.", remedy: "Stay near the box and check that this device is on its Wi-Fi." });
   else if (camera?.state === "lost") showPrompt("lost", { reason: "The camera stopped sending pictures.", remedy: camera.message || "Wait for it to come back, or check its cable." });
@@ -117,108 +135,29 @@ function showLive() {
 
 // --- measuring ------------------------------------------------------------------------------------------------------------------
 
-function showRunning(survey) {
-  const started = running === null;
-  running = { id: survey.survey_id, heard: now() };
-  byId("idle").hidden = true;
-  byId("running").hidden = false;
-  chooser.disabled = true;
-  byId("position").disabled = true;
-  const computing = survey.state === "computing";
-  setText(byId("running-word"), computing ? "Computing …" : "Hold still");
-  setText(byId("running-count"), computing ? "" : `${survey.frames_done} of ${survey.frames_wanted} frames`);
-  const bar = byId("progress");
-  bar.max = survey.frames_wanted || 1;
-  if (computing) bar.removeAttribute("value");
-  else bar.value = survey.frames_done;
-  if (started) {
-    announce("Measuring. Hold the box still.");
-    showFailure(byId("failed"), null);
-    if (document.activeElement === document.body || document.activeElement === byId("start")) byId("cancel").focus();
-  }
-}
-
-function showIdle(message, failed) {
-  if (running !== null && byId("running").contains(document.activeElement)) setTimeout(() => byId("start").focus());
-  running = null;
-  byId("idle").hidden = false;
-  byId("running").hidden = true;
-  chooser.disabled = Boolean(second);
-  byId("position").disabled = false;
-  showFailure(byId("failed"), failed ? message : null);
-  if (!failed && message) announce(message);
-}
-
-function finished(surveyId) {
-  announce("Saved.");
-  location.assign(`/surveys/${surveyId}`);
-}
-
-// The stream may have been away when the measurement ended: then the box is asked what became of it.
-async function findOut(survey) {
-  try {
-    await ask(`/surveys/${survey.id}`);
-    finished(survey.id);
-  } catch (error) {
-    showIdle(error.status === 404 ? "The measurement ended without a result." : error.message, true);
-  }
-}
-
-function onMeasurement(event) {
-  if (event.kind !== "diameter") return; // another survey's
-  if (event.state === "measuring" || event.state === "computing") showRunning(event);
-  else if (event.state === "saved" && running) finished(event.survey_id);
-  else if (event.state === "cancelled") showIdle(event.message || "Cancelled.", false);
-  else if (event.state === "failed") showIdle(event.message || "The measurement failed.", true);
-}
-
 function onStatus(status) {
   seen.status = status;
   seen.statusAt = now();
-  if (status.survey.state !== "idle") showRunning(status.survey);
-  else if (running && now() - running.heard > MISSING_END_MS / 1000) findOut(running);
+  running.heard(status.survey);
 }
 
-async function start() {
-  byId("start").disabled = true;
-  showFailure(byId("failed"), null);
+function asked() {
   const body = { position: byId("position").value };
   if (second) {
     body.survey_id = Number(second.dataset.survey);
     if (second.dataset.pipe) body.pipe_id = Number(second.dataset.pipe);
   } else if (chooser.chosen) body.pipe_id = chooser.chosen.id;
-  try {
-    const { survey_id: surveyId } = await ask("/measure", { method: "POST", body });
-    if (running === null) showRunning({ survey_id: surveyId, state: "measuring", frames_done: 0, frames_wanted: 50 });
-  } catch (error) {
-    showFailure(byId("failed"), error.message);
-  } finally {
-    byId("start").disabled = false;
-  }
-}
-
-async function cancel() {
-  try {
-    await ask("/measure/cancel", { method: "POST" });
-  } catch (error) {
-    showFailure(byId("failed"), error.message);
-  }
-}
-
-// What to do about a measurement that failed; one that is saved says so on its own page.
-function onPrompt(prompt) {
-  if (prompt.kind === "diameter" && !byId("failed").hidden) showFailure(byId("failed"), `${prompt.reason} ${prompt.remedy}`);
+  return body;
 }
 
 // --- wiring ---------------------------------------------------------------------------------------------------------------------
 
-byId("start").addEventListener("click", start);
-byId("cancel").addEventListener("click", cancel);
+byId("start").addEventListener("click", () => running.start(asked, 50));
 byId("show-depth").addEventListener("click", () => showDepthOrColor("depth"));
 byId("show-color").addEventListener("click", () => showDepthOrColor("color"));
 feed.on("status", onStatus);
-feed.on("measurement", onMeasurement);
-feed.on("prompt", onPrompt);
+feed.on("measurement", (event) => running.event(event));
+feed.on("prompt", (prompt) => running.prompt(prompt));
 feed.on("link", showViews);
 feed.on("live", (live) => {
   seen.live = live;

@@ -1,11 +1,10 @@
 // The pipe in 3-D with its landmarks on the wall, loaded when asked for; drawn on a plain 2-D canvas like the point cloud.
 // A stretch of the pipe is shown, drawn shorter than it is: a sewer in its true proportions is a thread.
 
-import { projector } from "./cloud.js";
 import { html } from "./dom.js";
 import { isExtent, metresText } from "./drive_words.js";
+import { View3d, projector } from "./view3d.js";
 
-const STEP = 0.16;
 const SIDES = 48;
 const RADII_LONG = 7; // how long the stretch is drawn, in radii
 const LENGTHS_M = [5, 10, 20];
@@ -19,36 +18,19 @@ export const angleOf = (hour) => ((hour - 3) * Math.PI) / 6;
 // The wall of the unit cylinder: x right, y down, z along the pipe.
 export const onWall = (z, angle, radius = 1) => [radius * Math.cos(angle), radius * Math.sin(angle), z];
 
-class Pipe {
+class Pipe extends View3d {
   constructor(canvas, content, onPick) {
-    Object.assign(this, { canvas, onPick });
+    super(canvas, { yaw: -0.95, pitch: -0.35, zoom: 1.12, ratio: 0.72 });
+    this.onPick = onPick;
     this.span = Math.min(10, content.range.high - content.range.low);
     this.start = content.range.low;
-    this.pointers = new Map();
     this.content = content;
-    this.home();
-    this.listen();
+    this.draw();
   }
 
   set(content) {
     this.content = content;
     this.place(this.start);
-  }
-
-  home() {
-    Object.assign(this, { yaw: -0.95, pitch: -0.35, zoom: 1.12 });
-    this.draw();
-  }
-
-  turn(yaw, pitch) {
-    this.yaw += yaw;
-    this.pitch = Math.min(Math.max(this.pitch + pitch, -1.5), 1.5);
-    this.draw();
-  }
-
-  magnify(factor) {
-    this.zoom = Math.min(Math.max(this.zoom * factor, 0.5), 6);
-    this.draw();
   }
 
   length(metres) {
@@ -65,66 +47,15 @@ class Pipe {
     this.onPlace?.();
   }
 
-  listen() {
-    const { canvas } = this;
-    canvas.addEventListener("pointerdown", (event) => {
-      this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY, far: 0 });
-      canvas.setPointerCapture(event.pointerId);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      const last = this.pointers.get(event.pointerId);
-      if (!last) return;
-      const now = { x: event.clientX, y: event.clientY };
-      now.far = last.far + Math.hypot(now.x - last.x, now.y - last.y);
-      this.pointers.set(event.pointerId, now);
-      const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
-      if (other) {
-        const [before, after] = [last, now].map((p) => Math.hypot(p.x - other.x, p.y - other.y));
-        if (before > 10) this.magnify(after / before);
-        other.far += 99; // two fingers never tap
-      } else if (now.far > 6) this.turn((now.x - last.x) / 140, (now.y - last.y) / 140);
-    });
-    canvas.addEventListener("pointerup", (event) => {
-      const pointer = this.pointers.get(event.pointerId);
-      this.pointers.delete(event.pointerId);
-      if (pointer && pointer.far <= 6 && !this.pointers.size) this.tap(event);
-    });
-    canvas.addEventListener("pointercancel", (event) => this.pointers.delete(event.pointerId));
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        this.magnify(Math.exp(-event.deltaY / 500));
-      },
-      { passive: false },
-    );
-    canvas.addEventListener("keydown", (event) => {
-      const action = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] }[event.key];
-      if (action) this.turn(...action);
-      else if (event.key === "+" || event.key === "=") this.magnify(1.2);
-      else if (event.key === "-") this.magnify(1 / 1.2);
-      else if (event.key === "PageDown") this.place(this.start + this.span / 2);
-      else if (event.key === "PageUp") this.place(this.start - this.span / 2);
-      else if (event.key === "Home") this.home();
-      else return;
-      event.preventDefault();
-    });
+  key(name) {
+    const pages = { PageDown: 0.5, PageUp: -0.5 }[name];
+    if (pages) this.place(this.start + pages * this.span);
+    return Boolean(pages);
   }
 
-  tap(event) {
-    const box = this.canvas.getBoundingClientRect();
-    const scale = this.canvas.width / box.width;
-    const [x, y] = [(event.clientX - box.left) * scale, (event.clientY - box.top) * scale];
-    const near = this.spots.map(([id, sx, sy, depth]) => [id, Math.hypot(sx - x, sy - y) / scale + depth]).filter(([, far]) => far < REACH_PX);
+  tap(x, y) {
+    const near = this.spots.map(([id, sx, sy, depth]) => [id, Math.hypot(sx - x, sy - y) / this.unit + depth]).filter(([, far]) => far < REACH_PX);
     if (near.length) this.onPick(near.reduce((a, b) => (b[1] < a[1] ? b : a))[0]);
-  }
-
-  // As many points as the screen has, up to two for each of its own.
-  fit() {
-    const wide = Math.max(this.canvas.clientWidth, 240);
-    this.unit = Math.min(window.devicePixelRatio || 1, 2);
-    const [width, height] = [Math.round(wide * this.unit), Math.round(wide * this.unit * 0.72)];
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
   }
 
   draw() {
@@ -249,19 +180,6 @@ export function showPipe(place, content, onPick) {
     "aria-label": "The pipe in 3-D with its landmarks. Arrow keys turn it, plus and minus zoom, Page up and Page down move along the pipe, Home resets. The list names each landmark.",
   });
   const pipe = new Pipe(canvas, content, onPick);
-  const button = (words, label, action) => {
-    const element = html("button", { type: "button", class: "button quiet", "aria-label": label }, words);
-    element.addEventListener("click", action);
-    return element;
-  };
-  const buttons = html("div", { class: "cloud-buttons", role: "group", "aria-label": "Turn the pipe" }, [
-    button("◀", "Turn left", () => pipe.turn(-STEP * 2, 0)),
-    button("▶", "Turn right", () => pipe.turn(STEP * 2, 0)),
-    button("▲", "Turn up", () => pipe.turn(0, -STEP * 2)),
-    button("▼", "Turn down", () => pipe.turn(0, STEP * 2)),
-    button("+", "Closer", () => pipe.magnify(1.3)),
-    button("−", "Farther", () => pipe.magnify(1 / 1.3)),
-  ]);
   const slider = html("input", { type: "range", id: "pipe3d-place", min: 0, max: 1000, step: 1, value: 0 });
   const length = html("select", { id: "pipe3d-length" }, [
     ...LENGTHS_M.map((metres) => html("option", { value: metres, ...(metres === 10 ? { selected: "" } : {}) }, `${metres} m`)),
@@ -278,7 +196,7 @@ export function showPipe(place, content, onPick) {
     html("div", { class: "field grow" }, [html("label", { for: "pipe3d-place" }, "Along the pipe"), slider]),
     html("div", { class: "field" }, [html("label", { for: "pipe3d-length" }, "Length shown"), length]),
   ]);
-  place.replaceChildren(canvas, buttons, along, html("p", { class: "small" }, "Looking in the direction of the drive. The length is drawn shorter than it is."));
+  place.replaceChildren(canvas, pipe.buttons("Turn the pipe"), along, html("p", { class: "small" }, "Looking in the direction of the drive. The length is drawn shorter than it is."));
   pipe.onPlace();
   new ResizeObserver(() => pipe.draw()).observe(place);
   return pipe;

@@ -1,8 +1,8 @@
 // A chamber in 3-D on a plain 2-D canvas: pipes as shaded cylinders, objects as discs with their number and belief, the track.
 // The box's axes are north, east and down; drawn are east to the right, down downwards, north away from the eye.
 
-import { projector } from "./cloud.js";
 import { html } from "./dom.js";
+import { View3d, boundsOf, projector, square, unit } from "./view3d.js";
 
 export const CLASSES = {
   "ball valve": { color: "#ff7b72", letter: "B" },
@@ -14,21 +14,16 @@ export const CLASSES = {
 };
 export const SURE = 0.97;
 const SIDES = 14;
-const STEP = 0.16;
 const PIECE_M = 0.2;
 
 const seen = ([north, east, down]) => [east, down, north];
 const minus = (a, b) => a.map((part, i) => part - b[i]);
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const unit = (a) => a.map((part) => part / (Math.hypot(...a) || 1));
 
 // The wall of a pipe as quads with their normals: short pieces, so that sorting by depth puts each in its place.
 export function cylinder(from, to, radius) {
   const along = minus(to, from);
   const length = Math.hypot(...along);
-  const axis = unit(along);
-  const u = unit(cross(axis, Math.abs(axis[1]) < 0.9 ? [0, 1, 0] : [1, 0, 0]));
-  const v = cross(axis, u);
+  const [u, v] = square(unit(along));
   const normal = (k) => u.map((part, i) => part * Math.cos((2 * Math.PI * k) / SIDES) + v[i] * Math.sin((2 * Math.PI * k) / SIDES));
   const pieces = Math.max(1, Math.round(length / PIECE_M));
   const faces = [];
@@ -43,15 +38,13 @@ export function cylinder(from, to, radius) {
   return faces;
 }
 
-export class Chamber3d {
+export class Chamber3d extends View3d {
   constructor(canvas) {
-    this.canvas = canvas;
+    super(canvas, { yaw: -0.6, pitch: -0.45 });
     this.map = { pipes: [], objects: [], track: [], next_view: null };
     this.faces = [];
     Object.assign(this, { centre: [0, 0, 0], size: 2 });
-    this.pointers = new Map();
-    this.listen();
-    this.home();
+    this.draw();
   }
 
   set(map) {
@@ -60,71 +53,10 @@ export class Chamber3d {
     const ends = [...map.pipes.flatMap((pipe) => [pipe.from, pipe.to]), ...map.objects.map((thing) => thing.position)].map(seen);
     const points = ends.length ? ends : map.track.map((one) => seen(one.position));
     if (points.length) {
-      const range = [0, 1, 2].map((i) => [Math.min(...points.map((p) => p[i])), Math.max(...points.map((p) => p[i]))]);
-      this.centre = range.map(([a, b]) => (a + b) / 2);
-      this.size = Math.max(...range.map(([a, b]) => b - a), 0.5) * 1.75;
+      const { centre, size } = boundsOf(points);
+      Object.assign(this, { centre, size: Math.max(size, 0.5) * 1.75 });
     }
     this.draw();
-  }
-
-  home() {
-    Object.assign(this, { yaw: -0.6, pitch: -0.45, zoom: 1 });
-    this.draw();
-  }
-
-  turn(yaw, pitch) {
-    this.yaw += yaw;
-    this.pitch = Math.min(Math.max(this.pitch + pitch, -1.5), 1.5);
-    this.draw();
-  }
-
-  magnify(factor) {
-    this.zoom = Math.min(Math.max(this.zoom * factor, 0.3), 6);
-    this.draw();
-  }
-
-  listen() {
-    const { canvas } = this;
-    canvas.addEventListener("pointerdown", (event) => {
-      this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
-      canvas.setPointerCapture(event.pointerId);
-    });
-    canvas.addEventListener("pointermove", (event) => {
-      const last = this.pointers.get(event.pointerId);
-      if (!last) return;
-      const now = [event.clientX, event.clientY];
-      this.pointers.set(event.pointerId, now);
-      const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
-      if (other) {
-        const [before, after] = [last, now].map((p) => Math.hypot(p[0] - other[0], p[1] - other[1]));
-        if (before > 10) this.magnify(after / before);
-      } else this.turn((now[0] - last[0]) / 140, (now[1] - last[1]) / 140);
-    });
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        this.magnify(Math.exp(-event.deltaY / 500));
-      },
-      { passive: false },
-    );
-    canvas.addEventListener("keydown", (event) => {
-      const action = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] }[event.key];
-      if (action) this.turn(...action);
-      else if (event.key === "+" || event.key === "=") this.magnify(1.2);
-      else if (event.key === "-") this.magnify(1 / 1.2);
-      else if (event.key === "Home") this.home();
-      else return;
-      event.preventDefault();
-    });
-  }
-
-  fit() {
-    const wide = Math.max(this.canvas.clientWidth, 240);
-    this.unit = Math.min(window.devicePixelRatio || 1, 2);
-    const [width, height] = [Math.round(wide * this.unit), Math.round(wide * this.unit * 0.75)];
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
   }
 
   draw() {
@@ -245,22 +177,9 @@ export function showChamber(place) {
     "aria-label": "The chamber in 3-D. Arrow keys turn it, plus and minus zoom, Home resets. The table names each object.",
   });
   const words = html("p", { class: "small" }, "Yellow: where the scanner went. Dashed blue: from where to look next. The white share of a ring is the belief.");
-  const button = (text, label, action) => {
-    const element = html("button", { type: "button", class: "button quiet", "aria-label": label }, text);
-    element.addEventListener("click", () => action());
-    return element;
-  };
   place.replaceChildren(canvas);
   const view = new Chamber3d(canvas);
-  const buttons = html("div", { class: "cloud-buttons", role: "group", "aria-label": "Turn the map" }, [
-    button("◀", "Turn left", () => view.turn(-STEP * 2, 0)),
-    button("▶", "Turn right", () => view.turn(STEP * 2, 0)),
-    button("▲", "Turn up", () => view.turn(0, -STEP * 2)),
-    button("▼", "Turn down", () => view.turn(0, STEP * 2)),
-    button("+", "Closer", () => view.magnify(1.3)),
-    button("−", "Farther", () => view.magnify(1 / 1.3)),
-  ]);
-  place.append(buttons, words);
+  place.append(view.buttons("Turn the map"), words);
   new ResizeObserver(() => view.draw()).observe(place);
   return view;
 }
