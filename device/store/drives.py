@@ -14,10 +14,14 @@ from device.errors import NotFound
 from device.json_text import dumps
 from device.store.database import Database
 from device.store.places import pipe_json
-from device.store.surveys import begin_survey, survey_row
+from device.store.surveys import begin_survey, forget_survey, interrupt_unfinished, leave_in, survey_row
 
 KIND = "landmarks"
 CORRECTABLE = ("class", "chainage_m", "clock")
+_NOTHING_SEEN = (
+    "NOT EXISTS (SELECT 1 FROM landmarks WHERE survey_id = surveys.id)"
+    " AND NOT EXISTS (SELECT 1 FROM drive_log WHERE survey_id = surveys.id)"
+)
 _SAID = ("decision", *CORRECTABLE, "note")
 
 
@@ -85,25 +89,17 @@ class Drives:
             if kept.summary:
                 connection.execute("UPDATE drives SET summary = ? WHERE survey_id = ?", (dumps(kept.summary), survey_id))
             if state is not None:
-                connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
+                leave_in(connection, survey_id, state)
 
     def forget(self, survey_id: int) -> None:
         """A drive that was cancelled disappears with all it had."""
         with self._database.write() as connection:
-            connection.execute("DELETE FROM surveys WHERE id = ?", (survey_id,))
+            forget_survey(connection, survey_id)
 
     def interrupt_unfinished(self) -> int:
         """What a power cut left in the state "measuring" is kept as "interrupted", if it saw anything; how many there were."""
         with self._database.write() as connection:
-            connection.execute(
-                "DELETE FROM surveys WHERE kind = ? AND state = 'measuring'"
-                " AND NOT EXISTS (SELECT 1 FROM landmarks WHERE survey_id = surveys.id)"
-                " AND NOT EXISTS (SELECT 1 FROM drive_log WHERE survey_id = surveys.id)",
-                (KIND,),
-            )
-            return connection.execute(
-                "UPDATE surveys SET state = 'interrupted' WHERE kind = ? AND state = 'measuring'", (KIND,)
-            ).rowcount
+            return interrupt_unfinished(connection, KIND, _NOTHING_SEEN)
 
     def map(self, survey_id: int) -> dict[str, Any]:
         """The map of one drive, see ``web_ui.openapi``. Raises NotFound."""

@@ -11,9 +11,10 @@ from device.clock import Clock, iso
 from device.errors import NotFound
 from device.json_text import dumps
 from device.store.database import Database
-from device.store.surveys import begin_survey, survey_row
+from device.store.surveys import begin_survey, forget_survey, interrupt_unfinished, leave_in, survey_row
 
 KIND = "structure"
+_NO_SCAN = "EXISTS (SELECT 1 FROM structures WHERE survey_id = surveys.id AND map IS NULL)"
 EMPTY: dict[str, Any] = {
     "pipes": [],
     "objects": [],
@@ -53,24 +54,17 @@ class Structures:
                 "UPDATE structures SET map = ?, summary = ? WHERE survey_id = ?", (packed, dumps(summary), survey_id)
             )
             if state is not None:
-                connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
+                leave_in(connection, survey_id, state)
 
     def forget(self, survey_id: int) -> None:
         """A survey that was cancelled disappears."""
         with self._database.write() as connection:
-            connection.execute("DELETE FROM surveys WHERE id = ?", (survey_id,))
+            forget_survey(connection, survey_id)
 
     def interrupt_unfinished(self) -> int:
         """What a power cut left in the state "measuring" is kept as far as it went; what had no scan yet goes. How many."""
         with self._database.write() as connection:
-            connection.execute(
-                "DELETE FROM surveys WHERE kind = ? AND state = 'measuring'"
-                " AND EXISTS (SELECT 1 FROM structures WHERE survey_id = surveys.id AND map IS NULL)",
-                (KIND,),
-            )
-            return connection.execute(
-                "UPDATE surveys SET state = 'interrupted' WHERE kind = ? AND state = 'measuring'", (KIND,)
-            ).rowcount
+            return interrupt_unfinished(connection, KIND, _NO_SCAN)
 
     def map(self, survey_id: int) -> dict[str, Any]:
         """The map of one survey, see ``web_ui.openapi``. Raises NotFound."""

@@ -117,7 +117,7 @@ class Surveys:
                 "INSERT INTO prompts (survey_id, code, reason, remedy) VALUES (?, ?, ?, ?)",
                 [(survey_id, prompt["code"], prompt["reason"], prompt["remedy"]) for prompt in conclusion.get("prompts", [])],
             )
-            connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
+            leave_in(connection, survey_id, state)
 
     def recorded(self, survey_id: int, outcome: dict[str, Any]) -> None:
         """What became of the survey's raw data. Nothing happens where the survey is gone."""
@@ -135,7 +135,7 @@ class Surveys:
         """Back to the state "measuring", for a second position. Raises NotFound."""
         with self._database.write() as connection:
             survey_row(connection, survey_id)
-            connection.execute("UPDATE surveys SET state = 'measuring' WHERE id = ?", (survey_id,))
+            leave_in(connection, survey_id, "measuring")
 
     def summaries(self, pipe_id: int | None, limit: int, before: int | None) -> list[dict[str, Any]]:
         """Newest first: {"id", "created", "pipe" (its name), "diameter_mm", "interval_mm", "dn", "final_verdict", ...}.
@@ -309,6 +309,25 @@ def begin_survey(connection: sqlite3.Connection, clock: Clock, kind: str, pipe_i
     return number
 
 
+def interrupt_unfinished(connection: sqlite3.Connection, kind: str, nothing_seen: str) -> int:
+    """What a power cut left in the state "measuring" becomes "interrupted"; where ``nothing_seen`` (SQL) holds, it goes.
+    How many are kept."""
+    connection.execute(f"DELETE FROM surveys WHERE kind = ? AND state = 'measuring' AND {nothing_seen}", (kind,))
+    return connection.execute(
+        "UPDATE surveys SET state = 'interrupted' WHERE kind = ? AND state = 'measuring'", (kind,)
+    ).rowcount
+
+
+def forget_survey(connection: sqlite3.Connection, survey_id: int) -> None:
+    """A survey that was cancelled disappears with all it had."""
+    connection.execute("DELETE FROM surveys WHERE id = ?", (survey_id,))
+
+
+def leave_in(connection: sqlite3.Connection, survey_id: int, state: str) -> None:
+    """The survey's state from now on."""
+    connection.execute("UPDATE surveys SET state = ? WHERE id = ?", (state, survey_id))
+
+
 def survey_row(connection: sqlite3.Connection, survey_id: int, deleted: bool = False) -> sqlite3.Row:
     """The row of a survey that is (not) deleted. Raises NotFound."""
     row: sqlite3.Row | None = connection.execute(
@@ -337,9 +356,9 @@ def _abandon(connection: sqlite3.Connection, survey_id: int) -> None:
         "SELECT count(recording_id), count(*) FROM findings WHERE survey_id = ?", (survey_id,)
     ).fetchone()
     if findings:
-        connection.execute("UPDATE surveys SET state = ? WHERE id = ?", ("saved" if recordings else "failed", survey_id))
+        leave_in(connection, survey_id, "saved" if recordings else "failed")
     else:
-        connection.execute("DELETE FROM surveys WHERE id = ?", (survey_id,))
+        forget_survey(connection, survey_id)
 
 
 def _operator(connection: sqlite3.Connection, survey_id: int) -> dict[str, Any] | None:
