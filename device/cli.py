@@ -30,7 +30,7 @@ class LazyCommands(click.Group):
 
     lazy: ClassVar = {
         "anomaly": ("device.anomaly.command:anomaly", "See where a pipe's wall deviates, from stereo."),
-        "calibrate": ("device.calibrate_command:calibrate", "Calibrate a stereo rig."),
+        "calibrate": ("device.calibrating.command:calibrate", "Calibrate a stereo rig."),
         "batch": ("device.batch_command:batch", "Convert a folder of inspections."),
         "demo-inspection": ("device.export_command:demo", "Put a complete virtual inspection into the store."),
         "doctor": ("device.doctor:doctor", "Look at everything the box needs."),

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from device.errors import Invalid
 from drivers.stereo.base import StereoFrame
 from drivers.stereo.rectifier import Calibrated
+from estimators.board.calibration import PairCalibration
 from estimators.pinhole import Intrinsics, LensPair
 from estimators.stereo.known_pipe import KnownPipe
 from estimators.stereo.rig import StereoRig
@@ -116,6 +117,14 @@ def load_calibration(path: Path) -> StereoCalibration:
         raise Invalid(f"The calibration {path} is not one of {what}: {where}: {first['msg']}.") from error
 
 
+def calibration_there(path: Path) -> StereoCalibration | None:
+    """The calibration that a new one would take the place of, None where the file holds none."""
+    try:
+        return load_calibration(path)
+    except Invalid:
+        return None
+
+
 @dataclass(frozen=True)
 class RigSource:
     """Makes the rig of a frame: what the camera states, corrected by a calibration where there is one."""
@@ -142,6 +151,29 @@ class RigSource:
             found.scale_std,
             found.shift_px,
         )
+
+
+def board_calibration(found: PairCalibration, board: str) -> BoardCalibration:
+    """The file's content."""
+    lenses = found.lenses
+    left, right = (
+        Lens(fx=lens.fx, fy=lens.fy, ppx=lens.ppx, ppy=lens.ppy, coeffs=list(lens.coeffs))
+        for lens in (lenses.left, lenses.right)
+    )
+    return BoardCalibration(
+        width=lenses.left.width,
+        height=lenses.left.height,
+        left=left,
+        right=right,
+        rotation=list(lenses.rotation),
+        translation_m=list(lenses.translation),
+        reprojection_px=round(found.reprojection_px, 4),
+        epipolar_px=round(found.epipolar_px, 4),
+        offset_std_px=round(found.offset_std_px, 4),
+        scale_std=round(found.scale_std, 5),
+        views=len(found.views),
+        board=board,
+    )
 
 
 def known_pipe_calibration(known: KnownPipe, width: int, diameter_m: float, pairs: list[str]) -> KnownPipeCalibration:

@@ -1,16 +1,14 @@
-"""``borescout calibrate``: what a rig has to be told before it measures."""
+"""``borescout calibrate stereo --known-pipe``: disparity offset and scale of a rig from a round pipe of known diameter."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import click
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device.anomaly.calibration import known_pipe_calibration, save_calibration
+from device.anomaly.calibration import BoardCalibration, calibration_there, known_pipe_calibration, save_calibration
 from device.errors import Invalid
 from device.surveys.anomaly_result import grey
 from drivers.stereo.replay import pair_folder, read_pair
@@ -22,26 +20,13 @@ from estimators.stereo.rig import StereoRig
 LARGEST_SCALE_ERROR = 0.06
 """A baseline that would have to be wrong by more than this is not corrected: the pipe is another, or the manifest is wrong."""
 LARGEST_DISAGREEMENT_PX = 6.0
-_LENGTH = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|m)?\s*", re.ASCII)
-_UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0}
 
 
-@click.group()
-def calibrate() -> None:
-    """Calibrate a rig."""
-
-
-@calibrate.command()
-@click.option("--known-pipe", type=click.Path(path_type=Path), help="A folder of pairs in a pipe of known diameter.")
-@click.option("--diameter", help="Its interior diameter, such as 500mm.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The calibration file to write.")
-def stereo(known_pipe: Path | None, diameter: str | None, out: Path) -> int:
-    """Disparity offset and scale of a stereo rig, from a round pipe of known diameter."""
-    if known_pipe is None or diameter is None:
-        raise Invalid("Say what to calibrate with: --known-pipe with --diameter.")
-    cv2.setNumThreads(1)
-    wanted = length_m(diameter)
+def by_known_pipe(known_pipe: Path, wanted: float, out: Path) -> None:
+    """Calibrate with the pairs of a folder, in a pipe ``wanted`` (m) wide, and write ``out``. Raises Invalid."""
     folder = pair_folder(known_pipe)
+    if isinstance(calibration_there(out), BoardCalibration):
+        raise Invalid(f"{out} holds a calibration of two lenses: choose another --out.")
     found: list[KnownPipe] = []
     used: list[str] = []
     for number, entry in enumerate(folder.pairs):
@@ -74,15 +59,6 @@ def stereo(known_pipe: Path | None, diameter: str | None, out: Path) -> int:
         f"Disparity offset {result.offset_px:.2f} ± {result.offset_std_px:.2f} px, baseline times {result.scale:.4f}: "
         f"written to {out}."
     )
-    return 0
-
-
-def length_m(text: str) -> float:
-    """A length such as "500mm", "50 cm", "0.5m"; without a unit it is millimetres. Raises Invalid."""
-    match = _LENGTH.fullmatch(text)
-    if match is None or not 0.02 <= float(match[1]) * _UNITS[match[2] or "mm"] <= 10.0:
-        raise Invalid(f"{text} is no diameter of a pipe: write it like 500mm.")
-    return float(match[1]) * _UNITS[match[2] or "mm"]
 
 
 def _known(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig, diameter: float) -> KnownPipe:
