@@ -37,9 +37,10 @@ def looking(feed: StereoFeed, most: int | None) -> Iterator[Pair]:
             frame = tap.get(_TICK_S)
             status = feed.status()
             if frame is None:
-                told = _told(status.message, told)
                 if given == 0 and status.state == "lost":
                     raise Invalid(status.message or f"Nothing comes from the {feed.name}.")
+                if given or status.state == "starting":
+                    told = _told(status.message, told)
                 if time.monotonic() - heard > (SILENCE_S if given else FIRST_S):
                     raise Invalid(f"Nothing comes from the {feed.name}: {status.message or 'it says nothing.'}")
                 continue

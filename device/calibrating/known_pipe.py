@@ -24,9 +24,9 @@ LARGEST_DISAGREEMENT_PX = 6.0
 
 def by_known_pipe(known_pipe: Path, wanted: float, out: Path) -> None:
     """Calibrate with the pairs of a folder, in a pipe ``wanted`` (m) wide, and write ``out``. Raises Invalid."""
-    folder = pair_folder(known_pipe)
     if isinstance(calibration_there(out), BoardCalibration):
         raise Invalid(f"{out} holds a calibration of two lenses: choose another --out.")
+    folder = pair_folder(known_pipe)
     found: list[KnownPipe] = []
     used: list[str] = []
     for number, entry in enumerate(folder.pairs):
