@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.base import FrameTimeout, SensorLost
+from drivers.base import FrameTimeout, SensorLost, SensorMissing
 from drivers.stereo.base import StereoCamera, StereoFrame
 from drivers.virtual.faults import FaultScript
 from drivers.virtual.rig import Pose
@@ -136,7 +136,7 @@ class VirtualStereoCamera(StereoCamera):
     def _open(self) -> None:
         self.faults.begin()
         if "disconnect" in self.faults.active():
-            raise SensorLost(f"The {self.name} is not there.")
+            raise SensorMissing(f"The {self.name} is not there.")
         self.faults.restarted()
         self._open_since = self.faults.times_unplugged()
         self._paint()  # here, where a driver may take its time

@@ -15,7 +15,8 @@ import pytest
 from drivers.base import DriverError, SensorLost, SensorMissing
 from drivers.grabber.stream import StreamGrabber, without_secrets
 from drivers.registry import open_grabber
-from tests.unit.grabber_contract import READ_S, LiveGrabberContract, LiveRig, _drain
+from tests.unit.grabber_contract import READ_S, LiveGrabberContract, LiveRig
+from tests.unit.sensor_contract import drain
 
 WIDTH, HEIGHT = 160, 120
 PERIOD_S = 0.03
@@ -108,7 +109,7 @@ class TestStream(LiveGrabberContract):
         rig.fall_silent()
         started = time.monotonic()
         with pytest.raises(SensorLost, match="stopped sending"):
-            _drain(rig.grabber, READ_S)
+            drain(rig.grabber, READ_S)
         assert time.monotonic() - started < 6.0
         assert rig.server is not None
         rig.server.silent.clear()
@@ -130,7 +131,7 @@ class TestStream(LiveGrabberContract):
         assert "secret" not in rig.grabber.name + rig.grabber.read(READ_S).source
         rig.unplug()
         with pytest.raises(SensorLost) as lost:
-            _drain(rig.grabber, 3.0)
+            drain(rig.grabber, 3.0)
         with pytest.raises(SensorMissing) as missing:
             rig.grabber.open()
         assert "secret" not in str(lost.value) + str(missing.value)
@@ -141,7 +142,7 @@ class TestStream(LiveGrabberContract):
         assert rig.server is not None
         rig.server.garbage.set()
         with pytest.raises(DriverError):
-            _drain(rig.grabber, 0.5)
+            drain(rig.grabber, 0.5)
         rig.server.garbage.clear()
         rig.grabber.open()
         assert rig.grabber.read(READ_S).image.any()

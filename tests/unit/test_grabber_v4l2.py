@@ -24,7 +24,8 @@ from drivers.grabber import v4l2
 from drivers.grabber.base import NoSignal
 from drivers.grabber.v4l2 import FrameCount, V4l2Grabber, says_no_signal
 from drivers.registry import open_grabber
-from tests.unit.grabber_contract import READ_S, GrabberContract, LiveGrabberContract, LiveRig, Rig, _drain
+from tests.unit.grabber_contract import READ_S, GrabberContract, LiveGrabberContract, LiveRig, Rig
+from tests.unit.sensor_contract import drain
 
 SIZE = (64, 48)
 PERIOD_S = 0.02
@@ -132,7 +133,7 @@ class TestV4l2(LiveGrabberContract):
         rig.grabber.read(READ_S)
         rig.inside.status = 0x2 | 0x100
         with pytest.raises(NoSignal, match="cable"):
-            _drain(rig.grabber, 0.7)
+            drain(rig.grabber, 0.7)
         rig.inside.status = 0
         assert rig.grabber.read(READ_S).image.any()
 
@@ -161,7 +162,7 @@ class TestV4l2(LiveGrabberContract):
             rig.grabber.read(READ_S)
             rig.unplug()
             with pytest.raises(SensorLost):
-                _drain(rig.grabber, 3.0)
+                drain(rig.grabber, 3.0)
             with pytest.raises(SensorMissing):
                 rig.grabber.open()
             rig.plug_in()
@@ -176,7 +177,7 @@ class TestV4l2(LiveGrabberContract):
         rig.grabber.read(READ_S)
         stuck.set()
         with pytest.raises(FrameTimeout):
-            _drain(rig.grabber, 0.3)
+            drain(rig.grabber, 0.3)
         started = time.monotonic()
         rig.grabber.close()
         assert time.monotonic() - started < 3.0
