@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, Any
@@ -37,8 +38,8 @@ from device.landmarks.tether import Tether
 from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
 from device.prompts import PROMPTS
-from device.recorder import RecorderStatus, Shelf
-from device.recorder.names import Name, name_of
+from device.recorder import Shelf
+from device.recorder.desk import RecordingDesk, keep_outcome
 from device.recorder.policy import MB, DiskPolicy
 from device.recorder.shelf import FOLDER
 from device.store import Store
@@ -54,8 +55,6 @@ from drivers.lamp.base import Lamp
 
 log = logging.getLogger(__name__)
 
-GONE = "The raw data was removed to make room for newer surveys."
-NEVER = "No raw data was recorded."
 POSITIONS = ("entrance", "top", "middle")
 HEALTH_TOPIC = "/health"
 _STATUS_PERIOD_S = 1.0
@@ -120,9 +119,10 @@ class Device:
             part_bytes=settings.recording.part_mb * MB,
             offset_ns=self._clock_offset_ns,
             on_change=self._changed.set,
-            on_end=self._keep_how_it_was_recorded,
+            on_end=partial(keep_outcome, self._store),
             first_notes=lambda: {HEALTH_TOPIC: self._health.to_json()},
         )
+        self.recordings = RecordingDesk(self._store, self._shelf)
         self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
         self.structure = StructureDesk(
             self._store, self._bus, rig, self._shelf, turns=self.turns, refuse_without_room=self._refuse_without_room
@@ -404,44 +404,6 @@ class Device:
         """Undo ``delete_survey``; the survey. Raises NotFound."""
         self._store.surveys.restore(survey_id)
         return self.survey(survey_id)
-
-    # Recordings
-
-    def recordings(self, survey_id: int) -> dict[str, Any]:
-        """Raw data of a survey: {"state", "message", "dropped", "files": [{"take", "part", "file", "bytes"}]}. Raises NotFound.
-
-        "state" is "recording", "kept", "gone" or "none"; "message" says why there is none, or not all of it.
-        """
-        ended = self._store.surveys.recording(survey_id) or {}
-        now = self._shelf.under_way(survey_id)
-        files = [
-            {"take": name.take, "part": name.part, "file": path.name, "bytes": path.stat().st_size}
-            for path in self._shelf.files(survey_id)
-            if (name := name_of(path)) is not None and path.exists()
-        ]
-        message = ended.get("message", "")
-        if not files and not message:
-            message = GONE if ended.get("files") else NEVER
-        return {
-            "state": "recording" if now is not None else "kept" if files else "gone" if ended.get("files") else "none",
-            "message": "" if now is not None else message,
-            "dropped": now.dropped if now is not None else ended.get("dropped", 0),
-            "files": files,
-        }
-
-    def recording_file(self, survey_id: int, take: int, part: int) -> Path:
-        """Where a file of the survey's raw data lies. Raises NotFound."""
-        self._store.surveys.recording(survey_id)
-        for path in self._shelf.files(survey_id):
-            if name_of(path) == Name(survey_id, take, part):
-                return path
-        raise NotFound(f"Survey {survey_id} has no such recording: it was removed to make room, or there never was one.")
-
-    def _keep_how_it_was_recorded(self, survey_id: int, status: RecorderStatus) -> None:
-        try:
-            self._store.surveys.recorded(survey_id, status.to_json())
-        except DeviceError as error:  # the files tell it too, but for the reason
-            log.error("what became of the recording of survey %d could not be stored: %s", survey_id, error)
 
     # Drives
 

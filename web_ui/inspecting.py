@@ -36,7 +36,7 @@ def blueprint(device: "Device") -> Blueprint:
         inspection = device.inspections.get(number)
         others = [one for one in device.inspections.all(inspection["pipe_id"]) if one["id"] != number]
         surveys = list(device.surveys(inspection["pipe_id"], 50, None))
-        recorded = {one["survey_id"]: device.recordings(one["survey_id"])["files"] for one in inspection["surveys"]}
+        recorded = {one["survey_id"]: device.recordings.of(one["survey_id"])["files"] for one in inspection["surveys"]}
         return render_template(
             "inspection.html",
             inspection=inspection,

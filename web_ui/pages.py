@@ -76,7 +76,7 @@ def blueprint(device: "Device") -> Blueprint:
 
     @pages.get(f"/surveys/<int(min=1, max={bodies.MAX_ID}):number>")
     def result(number: int) -> str:
-        survey, recording = device.survey(number), device.recordings(number)
+        survey, recording = device.survey(number), device.recordings.of(number)
         if survey["kind"] == "anomaly":
             return render_template("anomaly_result.html", survey=survey, recording=recording)
         if survey["kind"] == "landmarks":

@@ -19,11 +19,11 @@ def blueprint(device: "Device") -> Blueprint:
 
     @recordings.get(f"/{_ID}/recordings")
     def listed(number: int) -> Response:
-        return jsonify(device.recordings(number))
+        return jsonify(device.recordings.of(number))
 
     @recordings.get(f"/{_ID}/recordings/{_FILE}")
     def file(number: int, take: int, part: int) -> Response:
-        path = device.recording_file(number, take, part)
+        path = device.recordings.file(number, take, part)
         return send_file(path, mimetype="application/octet-stream", as_attachment=True, download_name=path.name)
 
     return recordings

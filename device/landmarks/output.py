@@ -44,6 +44,7 @@ def _line(row: Map) -> str:
     clock = "-" if row["clock"] is None else f"{row['clock']:.1f} h"
     if row["clock"] is not None and abs(row["clock_to"] - row["clock"]) > 0.05:
         clock = f"{row['clock']:.1f} to {row['clock_to']:.1f} h"
-    sigma = "-" if row["sigma_chainage_m"] is None else f"{row['sigma_chainage_m']:.2f} m"
+    sigmas = [row[name] for name in ("sigma_chainage_m", "sigma_chainage_to_m") if row.get(name) is not None]
+    sigma = f"{max(sigmas):.2f} m" if sigmas else "-"
     belief = max(row["belief"].values(), default=0.0)
     return f"{row['class']:<17} {row['chainage_m']:>7.2f} m {to:>9}  {clock:<13} {sigma:>7} {row['hits']:>5}  {belief:.2f}"

@@ -13,7 +13,7 @@ HOURS_PER_RADIAN = 6.0 / math.pi
 
 def landmark_json(number: int, landmark: Landmark) -> dict[str, Any]:
     """One measured landmark under the number that the survey gives it. What people say of it comes on top in the store."""
-    variance = landmark.covariance
+    begin, end = landmark.ends_std
     return {
         "id": number,
         "class": landmark.label,
@@ -22,8 +22,9 @@ def landmark_json(number: int, landmark: Landmark) -> dict[str, Any]:
         "chainage_to_m": round(landmark.chainage_to, 3),
         "clock": hour(landmark.angle_from),
         "clock_to": hour(landmark.angle_to),
-        "sigma_chainage_m": round(math.sqrt(max(float(variance[0, 0]), 0.0)), 4),
-        "sigma_clock": round(HOURS_PER_RADIAN * math.sqrt(max(float(variance[1, 1]), 0.0)), 3),
+        "sigma_chainage_m": round(begin, 4),
+        "sigma_chainage_to_m": round(end, 4),
+        "sigma_clock": round(HOURS_PER_RADIAN * math.sqrt(max(float(landmark.covariance[1, 1]), 0.0)), 3),
         "hits": landmark.hits,
         "misses": landmark.misses,
         "belief": {name: round(float(share), 4) for name, share in landmark.belief.items()},
@@ -42,6 +43,7 @@ def marked_json(number: int, label: str, chainage_m: float, sigma_m: float | Non
         "clock": clock,
         "clock_to": clock,
         "sigma_chainage_m": None if sigma_m is None else round(sigma_m, 4),
+        "sigma_chainage_to_m": None if sigma_m is None else round(sigma_m, 4),
         "sigma_clock": None,
         "hits": 0,
         "misses": 0,

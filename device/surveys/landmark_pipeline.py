@@ -138,6 +138,8 @@ class LandmarkPipeline:
         self._log: list[Any] = []
         self._size = (720, 576)
         self._low, self._high = math.inf, -math.inf
+        self._common = 0.0
+        """Standard deviation (m) of what all chainages of the drive are off by."""
 
     def step(self, frame: VideoFrame, position: Position | None) -> Step:
         """One picture, taken at ``position``; None where nobody knows."""
@@ -148,6 +150,7 @@ class LandmarkPipeline:
         look = self._looking.look(gray, self.frames, frame.time_s, position)
         if position is None:
             return Step(frame.time_s, frame.number, None, None, look, look.codes)
+        self._common = max(self._common, position.common)
         if self._camera is None:
             self._camera = self.setup.camera(width, height, *self._found())
         radius = 1.0 if self._camera is None else self._camera.radius
@@ -169,6 +172,10 @@ class LandmarkPipeline:
 
     def landmarks(self, candidates: bool = False) -> list[Landmark]:
         """The map so far, along the pipe; while the drive goes on without its sightings."""
+        return [landmark.less_sure(self._common**2) for landmark in self._own_landmarks(candidates)]
+
+    def _own_landmarks(self, candidates: bool) -> list[Landmark]:
+        """As sure as sightings can make them."""
         if self._refined is not None:
             return self._refined.landmarks
         return [] if self._mapper is None else self._mapper.landmarks(candidates, with_sightings=False)
@@ -180,7 +187,7 @@ class LandmarkPipeline:
 
     def joints(self, last: bool = False) -> list[dict[str, Any]]:
         """The pipe joints so far: {"chainage_m", "sightings"}. ``last``: from every ring, however few are new."""
-        return self._looking.joints(last)
+        return _less_sure(self._looking.joints(last), self._common)
 
     def focal_radius(self) -> dict[str, float] | None:
         """sqrt(fx fy) R (px m): {"value", "sigma"}, None where nothing tells it yet."""
@@ -235,7 +242,7 @@ class LandmarkPipeline:
         self.finish()
         landmarks = [] if self._refined is None else self._refined.landmarks
         pixel_std = mapper_config(camera).pixel_std if self._refined is None else self._refined.pixel_std
-        return smooth_drive(
+        mapped = smooth_drive(
             self._seen,
             landmarks,
             self._looking.sightings(),
@@ -245,6 +252,10 @@ class LandmarkPipeline:
             length,
             self._suspected,
         )
+        if mapped is None:
+            return None
+        less_sure = tuple(landmark.less_sure(self._common**2) for landmark in mapped.landmarks)
+        return replace(mapped, landmarks=less_sure, joints=_less_sure(mapped.joints, self._common))
 
     def _found(self) -> tuple[float | None, float]:
         """fx * R as the joints tell it, None where they do not tell it well enough; and fy / fx."""
@@ -282,6 +293,11 @@ def mapper_config(camera: PipeCamera) -> MapperConfig:
     """The mapper's settings for pictures of this size: a detector is off by a share of its picture, not by so many pixels."""
     usual = MapperConfig()
     return replace(usual, pixel_std=usual.pixel_std * math.hypot(camera.width, camera.height) / _USUAL_DIAGONAL)
+
+
+def _less_sure(joints: list[dict[str, Any]], common: float) -> list[dict[str, Any]]:
+    """Joints with an error of standard deviation ``common`` (m) that they all share."""
+    return [{**joint, "sigma_chainage_m": round(math.hypot(joint["sigma_chainage_m"], common), 4)} for joint in joints]
 
 
 def cut_out(image: Image, evidence: Evidence) -> Image:

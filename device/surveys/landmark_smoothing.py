@@ -119,11 +119,8 @@ def _shifted(landmark: Landmark, times: Array, shifts: Array, stds: Array) -> La
     if not moments:
         return landmark
     shift = float(np.interp(moments, times, shifts).mean())
-    covariance = landmark.covariance.copy()
-    covariance[0, 0] += float(np.interp(moments, times, stds).mean()) ** 2
     return replace(
-        landmark,
-        covariance=covariance,
+        landmark.less_sure(float(np.interp(moments, times, stds).mean()) ** 2),
         chainage=landmark.chainage + shift,
         chainage_from=landmark.chainage_from + shift,
         chainage_to=landmark.chainage_to + shift,

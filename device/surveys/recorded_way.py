@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry import FASTEST, STANDING_SPEED, Position, destep, step_of
+from estimators.odometry import FASTEST, STANDING_SPEED, Position, destep, rounding_std, step_of
 
 Array = NDArray[np.float64]
 
@@ -21,12 +21,13 @@ _SPEED_OVER_S = 0.5
 @dataclass(frozen=True)
 class RecordedWay:
     """``times`` (n,) grow; ``positions`` (n,) with ``std`` (n,), in metres; ``piece`` (n,) numbers the stretches between jumps
-    of the counter, which have nothing to do with each other."""
+    of the counter, which have nothing to do with each other; ``common`` (m) as in ``Position``."""
 
     times: Array
     positions: Array
     std: Array
     piece: NDArray[np.int64]
+    common: float = 0.0
 
     def at(self, time_s: float) -> Position | None:
         """The position at a moment; None outside the recording, in a gap, and while the counter jumps."""
@@ -48,7 +49,7 @@ class RecordedWay:
         """The stretch with the longest way alone."""
         ways = {int(n): float(np.abs(np.diff(self.positions[self.piece == n])).sum()) for n in np.unique(self.piece)}
         best = self.piece == max(ways, key=lambda n: ways[n])
-        return RecordedWay(self.times[best], self.positions[best], self.std[best], self.piece[best])
+        return RecordedWay(self.times[best], self.positions[best], self.std[best], self.piece[best], self.common)
 
     @property
     def pieces(self) -> int:
@@ -67,9 +68,8 @@ class RecordedWay:
         before, after = np.interp([low, high], self.times, self.positions)
         return float((after - before) / (high - low))
 
-    @staticmethod
-    def _position(where: float, std: float, speed: float) -> Position:
-        return Position(where, std, speed, abs(speed) < STANDING_SPEED)
+    def _position(self, where: float, std: float, speed: float) -> Position:
+        return Position(where, std, speed, abs(speed) < STANDING_SPEED, self.common)
 
 
 def recorded_way(
@@ -91,4 +91,4 @@ def recorded_way(
     for n in np.unique(piece):
         these = piece == n
         positions[these], std[these] = destep(when[these], shown[these], step)
-    return RecordedWay(when, positions, std, piece.astype(np.int64))
+    return RecordedWay(when, positions, std, piece.astype(np.int64), rounding_std(step))

@@ -20,8 +20,8 @@ import numpy as np
 
 from device.access import Access
 from device.bus import Bus, Subscription
-from device.daemon import GONE
 from device.errors import Busy, Invalid, NotFound
+from device.recorder.desk import GONE
 from device.store.database import Database
 from device.store.places import Places
 from tests.browser.fake_alone import FakeAlone
@@ -154,6 +154,26 @@ def color_jpeg(number: int) -> bytes:
     return cv2.imencode(".jpg", picture)[1].tobytes()
 
 
+class FakeRecordings:
+    """The facade of ``device.recorder.desk.RecordingDesk``: each survey of ``device`` has the one file, if any."""
+
+    def __init__(self, device: "FakeDevice") -> None:
+        self._device = device
+
+    def of(self, survey_id: int) -> Json:
+        self._device.survey(survey_id)
+        if self._device.raw is None:
+            return {"state": "gone", "message": GONE, "dropped": 0, "files": []}
+        name, size = f"survey-{survey_id:06d}-01-001.mcap", self._device.raw.stat().st_size
+        return {"state": "kept", "message": "", "dropped": 0, "files": [{"take": 1, "part": 1, "file": name, "bytes": size}]}
+
+    def file(self, survey_id: int, take: int, part: int) -> Path:
+        self._device.survey(survey_id)
+        if self._device.raw is None or (take, part) != (1, 1):
+            raise NotFound(f"Survey {survey_id} has no such recording.")
+        return self._device.raw
+
+
 @dataclass
 class FakeDevice(FakeAlone, FakeBox, FakeDrive):
     """The facade over canned answers; thread-safe enough for a web server."""
@@ -186,6 +206,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         self._depth = [depth_jpeg(n) for n in range(6)]
         self._color = [color_jpeg(n) for n in range(6)]
         self._threads: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
+        self.recordings = FakeRecordings(self)
         self.set_up_box()
         self.set_up_drive()
         self.structure = FakeStructure(self._bus)
@@ -292,19 +313,6 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         if kind not in self.kept:
             return None
         return depth_jpeg(0) if kind == "depth" else color_jpeg(0)
-
-    def recordings(self, survey_id: int) -> Json:
-        self.survey(survey_id)
-        if self.raw is None:
-            return {"state": "gone", "message": GONE, "dropped": 0, "files": []}
-        file = {"take": 1, "part": 1, "file": f"survey-{survey_id:06d}-01-001.mcap", "bytes": self.raw.stat().st_size}
-        return {"state": "kept", "message": "", "dropped": 0, "files": [file]}
-
-    def recording_file(self, survey_id: int, take: int, part: int) -> Path:
-        self.survey(survey_id)
-        if self.raw is None or (take, part) != (1, 1):
-            raise NotFound(f"Survey {survey_id} has no such recording.")
-        return self.raw
 
     def cloud(self, survey_id: int | None) -> Json:
         if survey_id in self.anomaly.surveys:

@@ -117,10 +117,10 @@ def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], t
         assert (device.anomaly.view(number, what) or b"").startswith(b"\xff\xd8")
     assert device.surveys()[0]["score_mm"] == found["score_mm"]
     assert len(device.cloud(number)["deviation_mm"]) == len(device.cloud(number)["points"]) > 500
-    wait_for(lambda: device.recordings(number)["state"] == "kept")
-    outcome = replay(device.recording_file(number, 1, 1))
+    wait_for(lambda: device.recordings.of(number)["state"] == "kept")
+    outcome = replay(device.recordings.file(number, 1, 1))
     assert (outcome.equal, outcome.exact, outcome.frames) == (True, True, 2)
-    assert export_recording(device.recording_file(number, 1, 1), tmp_path / "plain")["stereo pairs"] == 2
+    assert export_recording(device.recordings.file(number, 1, 1), tmp_path / "plain")["stereo pairs"] == 2
     pairs = pair_folder(tmp_path / "plain")
     assert [read_pair(pairs, entry).left.shape for entry in pairs.pairs] == [(400, 640, 3)] * 2
     assert (pairs.baseline_m, pairs.offset_px) == (0.06, 0.0)

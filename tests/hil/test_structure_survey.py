@@ -75,9 +75,9 @@ def test_a_chamber_is_mapped_stored_recorded_and_computed_again(device: Device) 
         assert len(data) > 500, name
         assert name.endswith(kind)
 
-    files = device.recordings(survey)["files"]
+    files = device.recordings.of(survey)["files"]
     assert files
-    again = replay(device.recording_file(survey, files[0]["take"], files[0]["part"]))
+    again = replay(device.recordings.file(survey, files[0]["take"], files[0]["part"]))
     assert again.frames == found["scans"]
     assert (again.missing, again.equal) == (0, True), again.differences[:3]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from flask.testing import FlaskClient
 
-from device.daemon import GONE
+from device.recorder.desk import GONE
 from tests.browser.fake_device import FakeDevice
 from tests.pairing import paired_client
 from web_ui.app import create_app
