@@ -51,11 +51,12 @@ class MapperSettings:
     same_view: float = 0.22
     step_s: float = 0.2
     lost_after: int = 5
-    doubt_after: Mapping[str, int] = field(default_factory=lambda: {"depth": 8, "velocity": 5, "attitude": 20})
+    doubt_after: Mapping[str, int] = field(default_factory=lambda: {"depth": 8, "velocity": 3, "attitude": 20})
 
 
-_DOUBT = {"depth": (slice(2, 3), 0.2), "velocity": (slice(6, 9), 0.2), "attitude": (slice(3, 6), 0.05)}
-"""Of what a sensor tells: where it stands in the state, and by how much (m, m/s, rad) it is doubted."""
+_DOUBT = {"depth": (slice(2, 3), 0.2), "attitude": (slice(3, 6), 0.05)}
+"""Of what a sensor tells: where it stands in the state, and by how much (m, rad) it is doubted."""
+_DOUBT_VELOCITY = 0.2
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,9 @@ class StructureMapper:
         self._time_s = time_s
         self._rates = np.zeros(3)
         self._strange = 0
-        self._refused_in_a_row = dict.fromkeys(_DOUBT, 0)
+        self._refused_in_a_row = dict.fromkeys(self.settings.doubt_after, 0)
+        self._known_s = time_s  # when a velocity was last taken, or a scan showed what was known
+        self._leg_s = time_s
         self._between = Between(self.slam.vehicle, mount, self.settings.slam)
         self._begin = self.slam.covariance.copy()
         self._way = Way([self.slam.vehicle.copy()], [], [], {}, {})
@@ -139,6 +142,7 @@ class StructureMapper:
         fits = self.slam.velocity(velocity, sigma)
         self._judge("velocity", fits)
         if fits:
+            self._known_s = self._time_s
             self._between.velocity(velocity, sigma)
 
     def attitude(self, time_s: float, angles: Array, rates: Array | None, sigma: float) -> None:
@@ -156,8 +160,12 @@ class StructureMapper:
         self._refused_in_a_row[what] = 0 if fits else self._refused_in_a_row[what] + 1
         if self._refused_in_a_row[what] >= self.settings.doubt_after[what]:
             self._refused_in_a_row[what] = 0
-            rows, sigma = _DOUBT[what]
-            self.slam.doubt(rows, sigma)
+            if what == "velocity":
+                self.slam.doubt_velocity(_DOUBT_VELOCITY, self._time_s - self._known_s)
+                self._between.doubt_velocity(_DOUBT_VELOCITY, self._time_s - max(self._known_s, self._leg_s))
+            else:
+                self.slam.doubt(*_DOUBT[what])
+                self._between.doubt(*_DOUBT[what])
 
     # ---- scans
 
@@ -173,6 +181,8 @@ class StructureMapper:
         leg = self._between.leg()
         matches = self.slam.scan(parts.segments, parts.sightings)
         self._remember(leg, parts, matches)
+        if matches.matched >= 3:
+            self._known_s = self._time_s
         consistent = matches.fitting < 3 or matches.matched >= 0.5 * matches.fitting
         self._strange = 0 if consistent else self._strange + 1
         self.inconsistent += not consistent
@@ -210,6 +220,7 @@ class StructureMapper:
         self._way.states.append(self.slam.vehicle.copy())
         self._way.seen.append([(n, what) for n, what in seen if n >= 0])
         self._between.restart(self.slam.vehicle)
+        self._leg_s = self._time_s
 
     def _still(self, points: Array, late: Array | None) -> Array:
         mount, vehicle = self.slam.mount, self.slam.vehicle

@@ -9,7 +9,7 @@ import numpy as np
 from estimators.structure.features import Line, Seen, new_line, new_point, observe_line, observe_point
 from estimators.structure.jcbb import Candidate, associate, gate
 from estimators.structure.types import Array, Segment, Sighting
-from estimators.structure.vehicle import SIZE, SensorMount, SensorPose, advanced, sensor_pose, wrapped
+from estimators.structure.vehicle import SIZE, SensorMount, SensorPose, advanced, rotation_of, sensor_pose, wrapped
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,17 @@ class StructureFilter:
     def doubt(self, rows: slice, sigma: float) -> None:
         """Be less sure of a part of the vehicle's state: what contradicts it again and again may be right."""
         self.covariance[rows, rows] += np.eye(rows.stop - rows.start) * sigma**2
+
+    def doubt_velocity(self, sigma: float, since_s: float) -> None:
+        """The same of the velocity, which has been another one for up to ``since_s``: the position has gone wrong with it.
+
+        The next velocity that is taken moves the position too, as if the change had come at once or grown evenly.
+        """
+        by_change = np.zeros((SIZE, 3))
+        by_change[:3] = 0.75 * since_s * rotation_of(self.vehicle[3:6])
+        by_change[6:9] = np.eye(3)
+        self.covariance[:SIZE, :SIZE] += by_change @ by_change.T * sigma**2
+        self.covariance[:3, :3] += np.eye(3) * (sigma * since_s) ** 2 / 12
 
     # ---- features
 

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from estimators.structure.features import new_line, new_point, observe_line, observe_point
 from estimators.structure.jcbb import Candidate, associate, gate
+from estimators.structure.mapper import Knowledge, StructureMapper
+from estimators.structure.recognition import Views
 from estimators.structure.slam import SlamSettings, StructureFilter
 from estimators.structure.types import Array, Segment, Sighting
 from estimators.structure.vehicle import SensorMount, advanced, body_rates, rotation_of, rotation_turns, sensor_pose
@@ -212,3 +214,36 @@ def test_a_dropped_feature_leaves_the_others_in_place() -> None:
     assert list(slam.features) == [1, 3]
     at = slam.features[3].at
     np.testing.assert_array_equal(slam.covariance[at : at + 3, at : at + 3], before)
+
+
+@pytest.mark.parametrize("sudden", [True, False])
+def test_a_vehicle_that_starts_at_once_is_where_its_velocity_took_it(sudden: bool) -> None:
+    """The first readings of a new speed look like outliers; when they are believed, the way since then is made good."""
+    knowledge = Knowledge(
+        Views(np.zeros((0, 308)), np.zeros(0, dtype=np.intp), np.zeros((0, 3))), *np.full((2, 6, 6), 1 / 6), np.ones((6, 3))
+    )
+    mapper = StructureMapper(
+        0.0, np.zeros(3), np.array([0, 0, np.pi / 2]), SensorMount(np.eye(3), np.zeros(3)), knowledge, np.random.default_rng(0)
+    )
+    times = np.arange(0.0, 6.0, 0.2)
+    speeds = np.where(times < 2.0, 0.0, 0.3) if sudden else np.clip(0.4 * (times - 2.0), 0.0, 0.3)
+    way = 0.0
+    for time_s, speed, before in zip(times, speeds, [0.0, *speeds[:-1]], strict=True):
+        way += 0.2 * (before + speed) / 2 if time_s else 0.0
+        mapper.attitude(float(time_s), np.array([0, 0, np.pi / 2]), np.zeros(3), 0.005)
+        mapper.velocity(float(time_s), np.array([speed, 0.0, 0.0]), 0.01)
+    assert mapper.refused >= 3
+    away = mapper.slam.vehicle[:3] - np.array([0.0, way, 0.0])  # it looks east
+    # believed after 0.8 s: a change at once has lost 0.8 s of it, one that grows evenly half of that; in between is taken
+    assert np.linalg.norm(away) < 0.3 * (0.8 / 4 + 0.2 / 4)
+    assert away @ np.linalg.solve(mapper.slam.covariance[:3, :3], away) < gate(3)
+
+
+def test_one_outlier_moves_nothing() -> None:
+    slam = StructureFilter(np.zeros(3), np.zeros(3), SensorMount(np.eye(3), np.zeros(3)))
+    assert slam.velocity(np.zeros(3), 0.01)
+    slam.predict(0.2, np.zeros(3))
+    assert not slam.velocity(np.array([0.5, 0, 0]), 0.01)
+    slam.predict(0.2, np.zeros(3))
+    assert slam.velocity(np.zeros(3), 0.01)
+    assert np.linalg.norm(slam.vehicle[:3]) < 1e-9
