@@ -50,12 +50,20 @@ _FINE_STD = 0.001
 
 @dataclass(frozen=True)
 class Position:
-    """``chainage`` (m) with its standard deviation ``std``, ``speed`` (m/s, signed), and whether the crawler stands."""
+    """``chainage`` (m) with its standard deviation ``std``, ``speed`` (m/s, signed), and whether the crawler stands. ``common``
+    (m) is the standard deviation of what every chainage of the drive is off by, see ``rounding_std``."""
 
     chainage: float
     std: float
     speed: float
     standing: bool
+    common: float = 0.0
+
+
+def rounding_std(quantum: float) -> float:
+    """What it leaves open (m, standard deviation) that a counter of step ``quantum`` does not say whether it shows the nearest
+    value, as is taken for granted, or the last one passed: then all that it tells is half a step further on."""
+    return quantum / math.sqrt(8)
 
 
 @dataclass(frozen=True)
@@ -239,7 +247,8 @@ class Odometer:
 
     def _position(self, chainage: float, std: float, speed: float, standing: bool) -> Position:
         unknown = 0.0 if self._quantum > 0 else _FINE_STD
-        return Position(chainage + self._offset, math.sqrt(std**2 + self._drift2 + unknown**2), speed, standing)
+        variance = std**2 + self._drift2 + unknown**2
+        return Position(chainage + self._offset, math.sqrt(variance), speed, standing, rounding_std(self._quantum))
 
 
 # Beyond the last step: how far the speed says that the range has been passed, against where in it the crawler is most likely,

@@ -78,8 +78,7 @@ def map_detections(rows: Rows, rig: Rig, config: MapperConfig | None = None) -> 
         config = replace(config, pixel_std=refined.pixel_std)
         if settled:
             break
-    common = np.diag([unsure**2, 0.0])
-    return [replace(landmark, covariance=landmark.covariance + common) for landmark in refined.landmarks]
+    return [landmark.less_sure(unsure**2) for landmark in refined.landmarks]
 
 
 def observations_of(rows: Rows, rig: Rig) -> tuple[list[Observation], float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -33,7 +33,8 @@ class Observation:
 
 @dataclass(frozen=True)
 class Sighting:
-    """One detection that counted for a landmark; ``landmark`` is its id."""
+    """One detection that counted for a landmark; ``landmark`` is its id, ``on_wall`` (px) the point of the wall in its middle
+    where its outline tells it: the centroid ``u``, ``v`` of what is bent round the pipe lies inside."""
 
     landmark: int
     frame: int
@@ -43,6 +44,7 @@ class Sighting:
     v: float
     label: str
     score: float
+    on_wall: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ class Landmark:
     ``chainage`` (m) and ``angle`` (image angle, rad) of its centroid with ``covariance`` (2, 2); ``chainage_to`` and
     ``angle_to`` end its extent, equal to ``chainage_from`` and ``angle_from`` for a point. ``angle_to`` lies clockwise of
     ``angle_from`` (as seen along the inspection direction) and may be beyond pi. ``belief`` is a probability per class, and
-    per "false" for none; ``label`` its likeliest class.
+    per "false" for none; ``label`` its likeliest class. ``ends`` (2, 2) is the covariance of ``chainage_from`` and
+    ``chainage_to`` where they have one of their own; those of a point are as sure as its chainage.
     """
 
     id: int
@@ -82,3 +85,16 @@ class Landmark:
     last_frame: int
     evidence: Evidence
     sightings: tuple[Sighting, ...] = field(default=(), repr=False)
+    ends: Array | None = None
+
+    @property
+    def ends_std(self) -> tuple[float, float]:
+        """Standard deviations (m) of ``chainage_from`` and ``chainage_to``."""
+        along = self.covariance[0, 0]
+        low, high = (along, along) if self.ends is None else np.diag(self.ends)
+        return float(np.sqrt(max(low, 0.0))), float(np.sqrt(max(high, 0.0)))
+
+    def less_sure(self, variance: float) -> Landmark:
+        """The same with an error of ``variance`` (m^2) that all of it has in common along the pipe."""
+        covariance = self.covariance + np.diag([variance, 0.0])
+        return replace(self, covariance=covariance, ends=None if self.ends is None else self.ends + variance)

@@ -22,7 +22,7 @@ from estimators.landmarks.refine.doubles import echoes, join, split
 from estimators.landmarks.refine.fit import fit
 from estimators.landmarks.refine.judge import judge, shows_in
 from estimators.landmarks.refine.own import own
-from estimators.landmarks.refine.run import Run, Spot, lay_out
+from estimators.landmarks.refine.run import Reach, Run, Spot, lay_out
 from estimators.landmarks.types import Evidence, Landmark, Observation, Sighting
 
 Array = NDArray[np.float64]
@@ -55,14 +55,16 @@ def refine(
     run = lay_out(camera, observations, names, config)
     spots = [_first(run, landmark) for landmark in found]
     far, pixel_std = starts(found, 10 * camera.radius), config.pixel_std
+    sees = Reach(0.0, far)
     for turn in range(ROUNDS):
         spots = own(run, spots, pixel_std, far if turn else 3 * far)
-        far = reach(run, spots, far)
-        spots = [fit(run, spot, pixel_std, far) for spot in spots if len(spot.rows) >= LEAST]
-        spots = join(run, spots, far)
-        spots = [part for spot in spots for part in split(run, spot, pixel_std, far)]
+        sees = reach(run, spots, far)
+        far = sees.far
+        spots = [fit(run, spot, pixel_std, sees) for spot in spots if len(spot.rows) >= LEAST]
+        spots = join(run, spots, sees)
+        spots = [part for spot in spots for part in split(run, spot, pixel_std, sees)]
         pixel_std = noise(run, spots, pixel_std)
-    spots = [spot for spot in own(run, spots, pixel_std, far) if len(spot.rows) >= LEAST]
+    spots = [fit(run, spot, pixel_std, sees) for spot in own(run, spots, pixel_std, far) if len(spot.rows) >= LEAST]
     shown = [shows_in(run, spot, far, pixel_std) for spot in spots]
     errors, density = errors_of(run, spots, shown), false_density(run, spots)
     judged = [(spot, *judge(run, spot, shows, density, errors, pixel_std)) for spot, shows in zip(spots, shown, strict=True)]
@@ -128,10 +130,11 @@ def _landmark(
                 (float(run.frames.centre[frame, 0]), float(run.frames.centre[frame, 1])),
                 (float(run.frames.axis[frame, 0]), float(run.frames.axis[frame, 1])),
             ),
-            float(run.detections.pixels[row, 0]),
-            float(run.detections.pixels[row, 1]),
+            float(run.detections.centroid[row, 0]),
+            float(run.detections.centroid[row, 1]),
             run.names[int(run.detections.label[row])],
             float(run.detections.score[row]),
+            (float(run.detections.pixels[row, 0]), float(run.detections.pixels[row, 1])),
         )
         for row in spot.rows
         for frame in (int(run.detections.frame[row]),)
@@ -161,6 +164,7 @@ def _landmark(
         last_frame=sightings[-1].frame,
         evidence=Evidence(shown.frame, shown.u, shown.v, sizes[best]),
         sightings=sightings,
+        ends=spot.ends,
     )
 
 

@@ -12,10 +12,15 @@ from scipy.special import ndtr, ndtri
 from estimators.landmarks.belief import Errors
 from estimators.landmarks.ekf import wrap
 from estimators.landmarks.refine.own import GATE
-from estimators.landmarks.refine.run import LONG_FROM, Run, Spot
+from estimators.landmarks.refine.run import LONG_FROM, Reach, Run, Spot, nearest_depth
 from estimators.landmarks.types import Landmark
 
 Array = NDArray[np.float64]
+
+BEFORE_BORDER = 1.2
+"""A point last seen so many times as deep as where it leaves the picture was lost before."""
+POINTS = 3
+"""So many point landmarks tell how near the detector sees."""
 
 
 def noise(run: Run, spots: list[Spot], pixel_std: float) -> float:
@@ -52,11 +57,13 @@ def starts(found: Sequence[Landmark], default: float) -> float:
     return float(np.median(depths)) if depths else default
 
 
-def reach(run: Run, spots: list[Spot], before: float) -> float:
-    """How far ahead (m) the detector sees: the depth that parts best the frames in which point landmarks were mostly seen from
-    those farther off in which they were not (the likeliest step of the hit rate)."""
+def reach(run: Run, spots: list[Spot], before: float) -> Reach:
+    """How far ahead the detector sees: the depth that parts best the frames in which point landmarks were mostly seen from
+    those farther off in which they were not (the likeliest step of the hit rate). And how near: where most of them were last
+    seen, unless that was at the picture's border."""
     depths: list[Array] = []
     hits: list[NDArray[np.bool_]] = []
+    last: list[float] = []
     for spot in spots:
         if spot.high - spot.low < LONG_FROM and len(spot.rows) >= 20:
             depth = spot.middle - run.frames.position
@@ -66,14 +73,16 @@ def reach(run: Run, spots: list[Spot], before: float) -> float:
             counted = (depth > nearest) & (depth < 3 * np.quantile(depth[hit], 0.9)) & (run.frames.weight > 0.2)
             depths.append(depth[counted])
             hits.append(hit[counted])
+            border = nearest_depth(run.camera, run.frames.centre[hit].mean(axis=0), spot.angle)
+            last.append(nearest if nearest > BEFORE_BORDER * border else 0.0)
     if not depths:
-        return before
+        return Reach(0.0, before)
     depth, hit = np.concatenate(depths), np.concatenate(hits)
     order = np.argsort(depth)
     below = np.arange(1, len(depth) + 1)
     seen = np.cumsum(hit[order])
     value = _step_likelihood(seen, below) + _step_likelihood(seen[-1] - seen, below[-1] - below)
-    return float(depth[order][int(np.argmax(value))])
+    return Reach(float(np.median(last)), float(depth[order][int(np.argmax(value))]), near_known=len(last) >= POINTS)
 
 
 def _step_likelihood(seen: NDArray[np.int64], of: NDArray[np.int64]) -> Array:

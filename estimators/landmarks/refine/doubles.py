@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.landmarks.ekf import wrap
-from estimators.landmarks.refine.run import LONG_FROM, Run, Spot, nearest_depth
+from estimators.landmarks.refine.run import LONG_FROM, Reach, Run, Spot, nearest_depth
 
 ALIKE = (0.08, float(np.radians(8.0)))
 """Points of one class nearer to each other than this (m, rad), and two deviations more, are one."""
@@ -20,6 +20,8 @@ TOGETHER = 0.4
 """Seen together less than this share of what chance would bring is never."""
 LEAST_TOGETHER = 6.0
 """Frames that chance should bring, for that to be judged."""
+SURELY = 0.9
+"""Up to this share of how far the detector sees it counts as seeing."""
 ECHO = 2.5
 """So many times oftener its neighbour is seen."""
 SPLIT_GAP = 0.5
@@ -27,7 +29,7 @@ SPLIT_LEAST = 5
 """A gap (m), and near sightings on either side of it, for one to be looked at as two."""
 
 
-def join(run: Run, spots: list[Spot], far: float) -> list[Spot]:
+def join(run: Run, spots: list[Spot], reach: Reach) -> list[Spot]:
     """Doubles become one: points of the same class that lie within their errors, and pieces of a long thing.
 
     Two pieces at one clock are one thing when they touch, or when no
@@ -44,7 +46,7 @@ def join(run: Run, spots: list[Spot], far: float) -> list[Spot]:
             gap = max(spot.low - other.high, other.low - spot.high, 0.0)
             pieces = reaches and max(spot.high - spot.low, other.high - other.low) > LONG_FROM
             if pieces and gap < JOIN_FAR and turn < JOIN_ANGLE:
-                same = gap < JOIN or _together(run, spot, other, far) < TOGETHER
+                same = gap < JOIN or _together(run, spot, other, reach) < TOGETHER
             else:
                 sigma = np.sqrt(np.diag(spot.covariance + other.covariance))
                 same = gap < ALIKE[0] + 2 * float(sigma[0]) and turn < ALIKE[1] + 2 * float(sigma[1])
@@ -75,21 +77,21 @@ def echoes(spots: list[Spot], shares: list[float], far: float) -> list[bool]:
     ]
 
 
-def _together(run: Run, one: Spot, two: Spot, far: float) -> float:
+def _together(run: Run, one: Spot, two: Spot, reach: Reach) -> float:
     """How often both were seen in one frame, as a share of how often that would be were they seen independently of each other.
     1 where they were not in view together for long enough to tell."""
     seen = np.zeros((2, len(run.frames.position)), dtype=bool)
     shows = run.frames.weight > 0.2
     for k, spot in enumerate((one, two)):
         seen[k, run.detections.frame[spot.rows]] = True
-        near = nearest_depth(run.camera, run.frames.centre.mean(axis=0), spot.angle)
-        shows = shows & (spot.high - run.frames.position > near) & (spot.low - run.frames.position < far)
+        near = max(nearest_depth(run.camera, run.frames.centre.mean(axis=0), spot.angle), reach.near)
+        shows = shows & (spot.high - run.frames.position > near) & (spot.low - run.frames.position < SURELY * reach.far)
     first, second = seen[0] & shows, seen[1] & shows
     expected = first.sum() * second.sum() / max(int(shows.sum()), 1)
     return float((first & second).sum() / expected) if expected >= LEAST_TOGETHER else 1.0
 
 
-def split(run: Run, spot: Spot, pixel_std: float, far: float) -> list[Spot]:
+def split(run: Run, spot: Spot, pixel_std: float, reach: Reach) -> list[Spot]:
     """Two things where one was thought to be: where its near sightings leave a gap along the pipe, and the sightings on both
     sides of it come in the same frames."""
     if spot.high - spot.low < SPLIT_GAP:
@@ -108,4 +110,4 @@ def split(run: Run, spot: Spot, pixel_std: float, far: float) -> list[Spot]:
     below = chainage < (sure[k] + sure[k + 1]) / 2
     before = replace(spot, high=float(sure[k]), rows=spot.rows[below])
     after = replace(spot, low=float(sure[k + 1]), rows=spot.rows[~below])
-    return [before, after] if _together(run, before, after, far) > TOGETHER else [spot]
+    return [before, after] if _together(run, before, after, reach) > TOGETHER else [spot]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.landmarks import belief
+from estimators.landmarks.ekf import wrap
 from estimators.landmarks.extent import wall_patches
 from estimators.landmarks.mapper import MapperConfig
 from estimators.landmarks.projection import NEAREST, PipeCamera
@@ -23,10 +24,12 @@ LONG_FROM = 0.12
 
 @dataclass(frozen=True)
 class Detections:
-    """All detections of a run, one row each: ``frame`` is the place of its observation in the run."""
+    """All detections of a run, one row each: ``frame`` is the place of its observation in the run, ``pixels`` (n, 2) the point
+    of the wall in its middle, by its outline where it has one, and ``centroid`` (n, 2) what the detector said."""
 
     frame: Index
     pixels: Array
+    centroid: Array
     label: Index
     score: Array
     inverse_depth: Array
@@ -35,17 +38,22 @@ class Detections:
     before: Array
     after: Array
     """How far each reaches round the pipe of its angle (rad), nan where it has no outline."""
+    near: Array
+    far: Array
+    """1/Z (1/m) of its outline's near and far edge, nan where it has none."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """All frames of a run: ``position`` (m), ``centre`` (n, 2) px, ``axis`` (n, 2) m, ``std`` (n,) of the position, ``number``
-    (n,), ``time_s`` (n,), and ``weight`` (n,): how much of a fresh look each is, by how far the crawler had moved."""
+    """All frames of a run: ``position`` (m), ``centre`` (n, 2) px, ``axis`` (n, 2) m, ``std`` (n,) of the position and
+    ``centre_std`` (n,) (px), ``number`` (n,), ``time_s`` (n,), and ``weight`` (n,): how much of a fresh look each is, by how
+    far the crawler had moved."""
 
     position: Array
     centre: Array
     axis: Array
     std: Array
+    centre_std: Array
     number: NDArray[np.int64]
     time_s: Array
     weight: Array
@@ -65,7 +73,8 @@ class Run:
 
 @dataclass(frozen=True)
 class Spot:
-    """A landmark while it is being worked on; ``rows`` of the Detections that are its own."""
+    """A landmark while it is being worked on; ``rows`` of the Detections that are its own; ``ends`` (2, 2) is the covariance of
+    ``low`` and ``high``, None for a point."""
 
     low: float
     high: float
@@ -74,10 +83,21 @@ class Spot:
     label: int
     belief: Array
     rows: Index
+    ends: Array | None = None
 
     @property
     def middle(self) -> float:
         return (self.low + self.high) / 2
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The detector sees things from ``near`` to ``far`` (m) ahead; ``near`` is 0 where it sees them until they leave the
+    picture, and where nobody knows (``near_known``)."""
+
+    near: float
+    far: float
+    near_known: bool = False
 
 
 def lay_out(camera: PipeCamera, observations: Sequence[Observation], names: Sequence[str], config: MapperConfig) -> Run:
@@ -103,6 +123,7 @@ def _frames(observations: Sequence[Observation], fresh: float) -> Frames:
         np.array([o.view.centre for o in observations]).reshape(-1, 2),
         np.array([o.view.axis for o in observations]).reshape(-1, 2),
         np.array([o.position_std for o in observations]),
+        np.array([o.centre_std for o in observations]),
         np.array([o.frame for o in observations], dtype=np.int64),
         np.array([o.time_s for o in observations]),
         weight,
@@ -111,8 +132,8 @@ def _frames(observations: Sequence[Observation], fresh: float) -> Frames:
 
 def _detections(camera: PipeCamera, observations: Sequence[Observation], frames: Frames, names: Sequence[str]) -> Detections:
     place = {name: k for k, name in enumerate(names)}
-    rows = [(k, d.u, d.v, place[d.label], d.score) for k, o in enumerate(observations) for d in o.detections or ()]
-    table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+    listed = [(k, d.u, d.v, place[d.label], d.score) for k, o in enumerate(observations) for d in o.detections or ()]
+    table = np.array(listed, dtype=np.float64).reshape(-1, 5)
     frame = table[:, 0].astype(np.intp)
     pixels = table[:, 1:3]
     a = (pixels[:, 0] - frames.centre[frame, 0]) / camera.fx
@@ -122,17 +143,38 @@ def _detections(camera: PipeCamera, observations: Sequence[Observation], frames:
     rho2 = np.maximum(a * a + b * b, 1e-12)
     depth = (along + np.sqrt(along**2 + rho2 * (camera.radius**2 - (axis**2).sum(axis=1)))) / rho2
     angle = np.arctan2(b * depth - axis[:, 1], a * depth - axis[:, 0])
-    before, after = np.full((2, len(frame)), np.nan)
+    before, after, near, far = np.full((4, len(frame)), np.nan)
     row = 0
     for observation in observations:
         found = observation.detections or ()
         drawn = [k for k, d in enumerate(found) if d.outline]
         if drawn:
-            centroids = pixels[[row + k for k in drawn]]
-            patches = wall_patches(camera, observation.view, [found[k].outline for k in drawn], centroids)
-            before[[row + k for k in drawn]], after[[row + k for k in drawn]] = patches.before, patches.after
+            rows = [row + k for k in drawn]
+            patches = wall_patches(camera, observation.view, [found[k].outline for k in drawn], pixels[rows])
+            before[rows], after[rows] = patches.before, patches.after
+            near[rows] = 1 / (patches.low - observation.view.position)
+            far[rows] = 1 / (patches.high - observation.view.position)
         row += len(found)
-    return Detections(frame, pixels, table[:, 3].astype(np.intp), table[:, 4], 1.0 / depth, angle, before, after)
+    # a component that is bent round the pipe has its centroid inside the pipe: its middle on the wall is that of its outline
+    outlined = np.isfinite(near) & np.isfinite(far)
+    turn = np.where(outlined, (before + after) / 2, 0.0)
+    angle, inverse = wrap(angle + turn), np.where(outlined, (near + far) / 2, 1.0 / depth)
+    wall = axis + camera.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    middle = frames.centre[frame] + np.array([camera.fx, camera.fy]) * wall * inverse[:, None]
+    on_wall = np.where(outlined[:, None], middle, pixels)
+    return Detections(
+        frame,
+        on_wall,
+        pixels,
+        table[:, 3].astype(np.intp),
+        table[:, 4],
+        inverse,
+        angle,
+        before - turn,
+        after - turn,
+        near,
+        far,
+    )
 
 
 def predict(run: Run, which: Index, chainage: Array, angle: Array | float) -> tuple[Array, Array]:

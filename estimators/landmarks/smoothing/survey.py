@@ -55,7 +55,7 @@ def run_of(
             along = camera.fx * camera.radius / depth**2 * reach
             owner.append(landmark.id)
             frame.append(place[sighting.frame])
-            pixels.append((sighting.u, sighting.v))
+            pixels.append(sighting.on_wall or (sighting.u, sighting.v))
             std.append(float(np.hypot(pixel_std, along)))
     sightings = Sightings(
         np.array(owner, dtype=np.int64),
@@ -101,12 +101,15 @@ def moved(landmarks: Sequence[Landmark], smoothed: Smoothed) -> list[Landmark]:
         along = mark.chainage - landmark.chainage
         turn = float(np.angle(np.exp(1j * (mark.angle - landmark.angle))))
         covariance: Array = mark.covariance
+        # where its ends lie about its middle is what it was
+        ends = None if landmark.ends is None else landmark.ends + (covariance - landmark.covariance)[0, 0]
         result.append(
             replace(
                 landmark,
                 chainage=mark.chainage,
                 angle=mark.angle,
                 covariance=covariance,
+                ends=ends,
                 chainage_from=landmark.chainage_from + along,
                 chainage_to=landmark.chainage_to + along,
                 angle_from=landmark.angle_from + turn,
