@@ -46,3 +46,16 @@ def test_a_crawler_that_stands_is_said_to() -> None:
     found = way.at(15.0)
     assert found is not None
     assert (found.standing, found.speed) == (True, 0.0)
+
+
+def test_which_way_a_counter_rounds_is_left_open() -> None:
+    times = np.arange(0.0, 20.0, 0.04)
+    true = 0.2 * times
+    for shown in (np.floor(true / 0.1) * 0.1, np.round(true / 0.1) * 0.1):
+        where = recorded_way(times.tolist(), shown.tolist(), 0.1).at(10.0)
+        assert where is not None
+        assert abs(where.chainage - 2.0) < 1.96 * where.common
+        assert where.common < 0.04
+    fine = recorded_way(times.tolist(), true.tolist(), 0.0).at(10.0)
+    assert fine is not None
+    assert fine.common == 0.0
