@@ -97,7 +97,8 @@ class Container:
         ]
         done = run("nsenter", f"--target={leader}", "--all", *environment, "sh", "-c", script, check=False)
         if check and done.returncode != 0:
-            raise SystemExit(f"In the container {script!r} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+            told = self.sh("journalctl -u borescout -n 40 --no-pager", check=False)
+            raise SystemExit(f"In the container {script!r} ended with {done.returncode}:\n{done.stdout}{done.stderr}{told}")
         return done.stdout.strip()
 
     def wait(self, what: str, condition: Callable[[], bool]) -> float:
