@@ -33,8 +33,8 @@ def deviation_overlay(picture: Picture, step: float, findings: PairFindings) -> 
     ray_x, ray_y = ((u + 0.5) * step - 0.5 - camera.ppx) / camera.fx, ((v + 0.5) * step - 0.5 - camera.ppy) / camera.fy
     depth = wall.meet(ray_x, ray_y, np.minimum(wall.first_guess(ray_x, ray_y), 3 * middle))
     theta = wall.about(ray_x, ray_y, depth)[0]
-    row = ((depth - grid.depth[0]) / grid.cell_m[0]).astype(np.float32)
-    column = ((theta + np.pi) / grid.cell_m[1] - 0.5).astype(np.float32)
+    row = grid.row_of(depth).astype(np.float32)
+    column = ((theta + np.pi) / grid.cell[1] - 0.5).astype(np.float32)
     inside = (row >= 0) & (row < len(grid.depth) - 1)
 
     def there(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.stereo.follow import FollowedWall
+from estimators.stereo.unrolled import Unrolled
 
 Floats = NDArray[np.float32]
 
 ANGLES, ROWS = 540, 240
 _CLOSING_M, _CLOSING_SHARE, _CLOSING_ROWS = 0.001, 0.01, (14, 36)
-"""What is off by so much (m, and share of the radius) and reaches to so many rows before the far end, but not to more than
-the second number of them, may belong to what closes it."""
+"""What is off by so much (m, and share of the radius) and reaches to so many rows of the followed wall before the far end, but
+not to more than the second number of them, may belong to what closes it: windows that reach beyond the end smear it so far."""
 _SMOOTHING = (5, 3)
 _REACH = 0.75
 """Points farther off the wall than this share of its radius are no part of it."""
@@ -98,17 +99,18 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
     step = (farthest - nearest) / ROWS
     depth: NDArray[np.float64] = nearest + (np.arange(ROWS, dtype=np.float64) + 0.5) * step
     theta: NDArray[np.float64] = (np.arange(ANGLES, dtype=np.float64) + 0.5) * (2 * np.pi / ANGLES) - np.pi
-    measured = np.isfinite(points.deviation)
-    row = np.floor((points.depth - nearest) / step)
-    measured &= (row >= 0) & (row < ROWS)
-    column = np.floor((points.theta[measured].astype(np.float64) + np.pi) * (ANGLES / (2 * np.pi))).astype(np.int64) % ANGLES
+    again, late = _along_each(grid, step)
+    row = np.floor((points.depth[again] + late[:, None] - nearest) / step)
+    measured = np.isfinite(points.deviation[again]) & (row >= 0) & (row < ROWS)
+    turned = points.theta[again][measured].astype(np.float64) + np.pi
+    column = np.floor(turned * (ANGLES / (2 * np.pi))).astype(np.int64) % ANGLES
     place = row[measured].astype(np.int64) * ANGLES + column
     cells = ROWS * ANGLES
-    weight = 1.0 / np.maximum(points.sigma[measured].astype(np.float64), 1e-5) ** 2
+    weight = 1.0 / np.maximum(points.sigma[again][measured].astype(np.float64), 1e-5) ** 2
     total = np.bincount(place, weight, cells)
     count = np.bincount(place, minlength=cells)
-    value = np.bincount(place, weight * points.deviation[measured], cells)
-    gain = np.bincount(place, weight * followed.gain[measured], cells)
+    value = np.bincount(place, weight * points.deviation[again][measured], cells)
+    gain = np.bincount(place, weight * followed.gain[again][measured], cells)
     gain = np.divide(gain, total, out=np.zeros(cells), where=total > 0).reshape(ROWS, ANGLES)
     # the cells of one window share their error: means over a few of them are no surer than one
     spread = np.sqrt(np.divide(count, total, out=np.full(cells, np.nan), where=total > 0))
@@ -121,7 +123,8 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
         np.where(inside, filled_sigma, np.nan).astype(np.float32),
     )
     hidden = inside & trusted & ~np.isfinite(deviation)
-    closing = what_closes(deviation, inside, _CLOSING_M + _CLOSING_SHARE * float(np.median(wall.coefficients[0])))
+    least = _CLOSING_M + _CLOSING_SHARE * float(np.median(wall.coefficients[0]))
+    closing = what_closes(deviation, inside, grid.row_of(depth), least)
     deviation[closing], sigma[closing] = np.nan, np.nan
     radius = wall.radius(theta, np.broadcast_to(depth[:, None], (ROWS, ANGLES)))
     area = np.maximum(radius, 0.0) * (2 * np.pi / ANGLES) * step
@@ -137,6 +140,16 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
         gain.astype(np.float32),
         np.stack(wall.axis.at(depth), axis=1),
     )
+
+
+def _along_each(grid: Unrolled, step: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """(row, metres behind its middle) of every place to put: a row of the followed wall that is longer than those of the map,
+    ``step`` (m), counts in each of them that it covers."""
+    length = grid.depth * grid.cell[0]
+    times = np.ceil(length / step).astype(np.intp)
+    row = np.repeat(np.arange(len(length)), times)
+    turn = np.arange(len(row)) - np.repeat(np.cumsum(times) - times, times)
+    return row, ((turn + 0.5) / times[row] - 0.5) * length[row]
 
 
 def smoothed(found: DeviationMap) -> tuple[Floats, Floats]:
@@ -158,17 +171,18 @@ def smoothed(found: DeviationMap) -> tuple[Floats, Floats]:
 def _resampled(followed: FollowedWall, depth: NDArray[np.float64], theta: NDArray[np.float64]) -> tuple[NDArray[np.bool_], ...]:
     """What of the map lies in the picture between the wall's ends, and where its rays were trusted."""
     grid = followed.grid
-    row = np.clip(np.round((depth - grid.depth[0]) / grid.cell_m[0]).astype(int), 0, len(grid.depth) - 1)
+    row = np.clip(np.round(grid.row_of(depth)).astype(int), 0, len(grid.depth) - 1)
     column = np.clip(((np.arange(len(theta)) + 0.5) * len(grid.theta) / len(theta)).astype(int), 0, len(grid.theta) - 1)
     pick = np.ix_(row, column)
     return (followed.ends.inside & grid.seen)[pick], followed.match.trusted[pick]
 
 
-def what_closes(deviation: Floats, inside: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+def what_closes(deviation: Floats, inside: NDArray[np.bool_], row: NDArray[np.float64], least: float) -> NDArray[np.bool_]:
     """Cells off the wall that reach to its far end: whatever closes the pipe there (a manhole, a cloth, a bend) looks like a
-    deposit by its rim, or by its noise like a loss, and cannot be told from one. It is no measurement of the wall."""
+    deposit by its rim, or by its noise like a loss, and cannot be told from one. It is no measurement of the wall.
+    ``row`` (Z,): the row of the followed wall at each depth."""
     last = inside.shape[0] - 1 - np.argmax(inside[::-1], axis=0)
-    before_end = last - np.arange(inside.shape[0])[:, None]
+    before_end = row[last] - row[:, None]
     closing = np.zeros(inside.shape, dtype=np.bool_)
     for sign in (-1.0, 1.0):
         off = sign * np.nan_to_num(deviation) > least

@@ -22,9 +22,9 @@ _GROWN = 0.5
 _LEAST_AREA_M2 = 4e-4
 """Less than one small window of the match covers in a common pipe: what is smaller is one window's error."""
 _LEAST_CELLS = 6
-_LEAST_GAIN = 0.05
-"""A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was
-misread."""
+_LEAST_GAIN = 0.08
+"""A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was misread,
+since the best of several answers agrees a little better by chance."""
 _INVERT = np.radians(50.0)
 """Half of the pipe's floor: deposits lie within it."""
 _SHADOW = 0.35

@@ -18,9 +18,11 @@ from estimators.radial_profile.fit import MAX_HARMONICS, UNEVEN, Wall, WallPoint
 from estimators.stereo.coarse import CoarseMatch, coarse_match
 from estimators.stereo.on_wall import (
     OUTSIDE,
+    WINDOWS,
     EvenPair,
     RowMisfit,
     WallMatch,
+    answer_of,
     even_pair,
     likeness_at,
     match_on_wall,
@@ -40,7 +42,7 @@ _ON_WALL = 0.05
 _EVERY = 4
 _FEWEST_POINTS = 0.6
 """Points that a depth of the wall must have for each ray that aims at it."""
-_MARGIN_ROWS = 8
+_MARGIN_ROWS = 12
 """Rows left out before each end: half of the large window and a little less, since it looks beyond."""
 _LEAST_MATCHED, _LEAST_AGREED, _LEAST_TRUSTED, _LEAST_ON_WALL = 0.10, 0.25, 0.20, 0.55
 _LEAST_AROUND = 0.5
@@ -129,7 +131,8 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
         if last:
             half = unroll(wall, nearest, farthest, ANGLES // 2, ROWS // 2)
             known = cv2.resize(start, (ANGLES // 2, ROWS // 2), interpolation=cv2.INTER_AREA)
-            swept = sweep(pair, half, np.asarray(known, np.float32), misfit, width, height, rig.offset_px or 0.0)
+            rough = _from_coarse(coarse, half, smooth=3)
+            swept = sweep(pair, half, np.asarray(known, np.float32), misfit, width, height, rig.offset_px or 0.0, (rough,))
             start = np.asarray(cv2.resize(swept, (ANGLES, ROWS), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
         match = match_on_wall(pair, grid, start, misfit, width, height, rig.offset_px or 0.0)
         if turn == 0:
@@ -168,8 +171,7 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     if length < _LEAST_LENGTH * float(np.median(wall.radius(grid.theta, np.full(len(grid.theta), np.mean(wall.depths))))):
         raise Refused("too_short")
     own = _met(wall, grid)[0] - grid.disparity
-    fine, rough = likeness_at(pair, grid, own, misfit, width, height)
-    gain = match.alike - np.where(match.fine, fine, rough)
+    gain = match.alike - answer_of(match.window, likeness_at(pair, grid, own, misfit, width, height))
     unsure = not own_offset and _contradiction(cone, wall, match, ends) > _DOUBT
     if not own_offset:  # what this wall says of the offset is no calibration, yet it is heard
         heard = float(np.hypot(rig.offset_std_px, _HEARD * (cone.offset_px - (rig.offset_px or 0.0))))
@@ -255,7 +257,7 @@ def _coarse_band(coarse: CoarseMatch, wall: Wall) -> tuple[float, float]:
     return max(first - spare, nearest), min(last + spare, farthest)
 
 
-def _from_coarse(coarse: CoarseMatch, grid: Unrolled, reach: float = 0.6) -> Floats:
+def _from_coarse(coarse: CoarseMatch, grid: Unrolled, reach: float = 0.6, smooth: int = 9) -> Floats:
     """Where to begin on the wall: what the coarse match saw there, as a shift (px); 0 where it saw nothing (nan for reach 1).
 
     ``reach``: a coarse shift beyond this share of the disparity is none.
@@ -267,14 +269,15 @@ def _from_coarse(coarse: CoarseMatch, grid: Unrolled, reach: float = 0.6) -> Flo
     if reach >= 1.0:
         return shift
     shift[~(np.abs(shift) < reach * grid.disparity)] = 0.0
-    return np.asarray(cv2.blur(shift, (9, 9)), dtype=np.float32)
+    return np.asarray(cv2.blur(shift, (smooth, smooth)), dtype=np.float32)
 
 
 def _better_start(pair: EvenPair, grid: Unrolled, start: Floats, misfit: RowMisfit, width: int, height: int) -> Floats:
     """``start`` where the patches agree better there than on the predicted wall, else 0: a wrong coarse match is not
     followed."""
-    there = likeness_at(pair, grid, start, misfit, width, height)[1]
-    here = likeness_at(pair, grid, np.zeros_like(start), misfit, width, height)[1]
+    there, here = (
+        likeness_at(pair, grid, tried, misfit, width, height, len(WINDOWS) - 1)[0] for tried in (start, np.zeros_like(start))
+    )
     return np.where(there > here, start, 0.0).astype(np.float32)
 
 
@@ -282,8 +285,8 @@ def _carried(wall: Wall, grid: Unrolled, disparity: Floats, other: Unrolled) -> 
     """Shifts (px) on another unrolled wall that mean the disparities measured on ``grid``, which was unrolled on ``wall``."""
     met, turned = _met(wall, other)
     depth = wall.rig.range_px_m / (met - np.float32(wall.rig.offset_px or 0.0))
-    row = ((depth - grid.depth[0]) / grid.cell_m[0]).astype(np.float32)
-    column = ((other.theta + turned + np.pi) / grid.cell_m[1] - 0.5).astype(np.float32)
+    row = grid.row_of(depth).astype(np.float32)
+    column = ((other.theta + turned + np.pi) / grid.cell[1] - 0.5).astype(np.float32)
     shift = cv2.remap(disparity, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) - other.disparity
     beyond = (row < 0) | (row > len(grid.depth) - 1)
     return np.where(beyond, 0.0, shift).astype(np.float32)
@@ -300,7 +303,7 @@ def _ends(grid: Unrolled, match: WallMatch, disparity: Floats, wall: Wall) -> En
     unit = rig.intrinsics.width / 1920
     allowed = 3.0 * np.hypot(max(wall.noise_px, 0.4 * unit), UNEVEN * (grid.disparity - (rig.offset_px or 0.0)))
     on = known & (np.abs(disparity - _met(wall, grid)[0]) < allowed)
-    row = np.floor((rig.depth(disparity.astype(np.float64)) - grid.depth[0]) / grid.cell_m[0] + 0.5)
+    row = np.floor(grid.row_of(rig.depth(disparity.astype(np.float64))) + 0.5)
     lands = known & (row >= 0) & (row < shape[0])
     column = np.broadcast_to(np.arange(shape[1]), shape)
 
@@ -327,13 +330,14 @@ def _fine_wall(grid: Unrolled, match: WallMatch, disparity: Floats, ends: Ends, 
     full = share > _BLOCK_SHARE
     if np.count_nonzero(full) < _FEWEST_BLOCKS:
         raise Refused("too_smooth")
-    u, v, measured, noise, fine = (
+    sizes = [across * along for across, along in windows_of(grid)]
+    known = np.asarray([sizes[0] / size for size in sizes], dtype=np.float32)[match.window]
+    u, v, measured, noise, own = (
         (_block_means(trusted * values)[full] / share[full]).astype(np.float64)
-        for values in (grid.u, grid.v, disparity, match.sigma, match.fine.astype(np.float32))
+        for values in (grid.u, grid.v, disparity, match.sigma, known)
     )
     points = WallPoints(np.arctan2(v, u), np.hypot(u, v) * start.rig.focal_px, measured, noise)
-    small, large = windows_of(grid)
-    independent = float(np.sum(fine + (1 - fine) * (small[0] * small[1]) / (large[0] * large[1])))
+    independent = float(np.sum(own))
     unit = start.rig.intrinsics.width / 1920
     try:
         return refine_wall(

@@ -1,9 +1,9 @@
 """Matching on the predicted wall: both pictures are resampled onto it, and only the small shift that is left is looked for.
 
 On the unrolled wall the expected shift is near zero and texture has one scale, so that a window means the same patch of wall
-everywhere. The shift along the rows is found by least squares on brightness (Lucas and Kanade) over two windows: the small one
-where the texture carries it, the large one where it does not. Least squares also says how well it is known:
-sigma = noise / sqrt(sum of squared gradients), with the noise from what is left between the pictures.
+everywhere. The shift along the rows is found by least squares on brightness (Lucas and Kanade) over windows of three sizes:
+the smallest where the texture carries it, a larger one where it does not. Least squares also says how well it is known: sigma =
+noise / sqrt(sum of squared gradients), with the noise from what is left between the pictures.
 """
 
 from __future__ import annotations
@@ -20,8 +20,12 @@ NORMAL_WIDTH = 960
 """Width (px) of the pictures that are resampled: texture finer than that is noise in common lenses."""
 _EVEN_WINDOW = 31
 _DARK = 4.0
-_SMALL, _LARGE, _TRIED = (11, 9), (33, 27), (17, 13)
-"""Windows, in cells of the finest grid: around the pipe, along it."""
+WINDOWS = (17, 5), (27, 11), (41, 21)
+"""Windows, in cells of the finest grid: around the pipe, along it. The smallest whose texture carries the shift answers. They
+are short along it: a camera that looks along the wall sees what is as long as wide foreshortened, most of all a hole."""
+_TRIED = (41, 21), (27, 11), (17, 5)
+"""Windows in which starts are compared: what a later one is sure of counts."""
+_MEDIAN = 3
 _ITERATIONS = 2
 _SWEEP = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3, -0.03, -0.06, -0.09, -0.12)
 """Shares by which a disparity is tried to be larger or smaller than the wall's. In these steps texture moves by about its
@@ -36,9 +40,9 @@ TRUST_PX = 1.0
 """Largest sigma of a trusted disparity, at 1920 pixels of width."""
 _TRUST_SHARE = 0.02
 """Largest sigma of a trusted disparity as a share of it (less the offset), which is that of the radius it tells."""
-_ALIKE = 0.5, 0.3
-"""Smallest correlation of the two patches of a trusted match, for the small and the large window: noise alone, moved to where
-it fits best, reaches half of it."""
+_ALIKE = 0.5, 0.4, 0.3
+"""Smallest correlation of the two patches of a trusted match, for each window: noise alone, moved to where it fits best,
+reaches half of it."""
 _TEXTURE = 0.6
 """Mean square of an evened patch that is texture rather than noise on an even grey."""
 _INDEPENDENT = 0.12
@@ -64,13 +68,12 @@ class EvenPair:
 @dataclass(frozen=True)
 class WallMatch:
     """Shifts on an unrolled wall, all (Z, A): ``shift`` (px, measured less predicted disparity), its ``sigma`` (px), ``alike``
-    the correlation of the patches, ``fine`` where the small window sufficed, and ``state`` (TRUSTED, OUTSIDE, SMOOTH,
-    OCCLUDED)."""
+    the correlation of the patches, ``window`` which of WINDOWS answered, and ``state`` (TRUSTED, OUTSIDE, SMOOTH, OCCLUDED)."""
 
     shift: Floats
     sigma: Floats
     alike: Floats
-    fine: NDArray[np.bool_]
+    window: NDArray[np.uint8]
     state: NDArray[np.uint8]
 
     @property
@@ -124,59 +127,100 @@ def match_on_wall(
     shift, windows = start, windows_of(grid)
     for _ in range(_ITERATIONS):
         right, along = _right(pair, grid, shift, lift)
-        small, large = (_least_squares(left, right, along, own, window, pair.step) for window in windows)
-        step = np.where(_carries(small, _ALIKE[0], limit), small.step, large.step)
+        tried = [_least_squares(left, right, along, own, window, pair.step) for window in windows]
+        step = tried[-1].step
+        for finer, least in zip(tried[-2::-1], _ALIKE[-2::-1], strict=True):
+            step = np.where(_carries(finer, least, limit), finer.step, step)
         moved = np.clip(shift + np.clip(step, -_STEP_PX, _STEP_PX), start - _REACH_PX, start + _REACH_PX)
         shift = np.asarray(cv2.medianBlur(np.ascontiguousarray(moved, dtype=np.float32), 5), dtype=np.float32)
     right, along = _right(pair, grid, shift, lift)
-    small, large = (_least_squares(left, right, along, own, window, pair.step) for window in windows)
-    fine, rough = _carries(small, _ALIKE[0], limit), _carries(large, _ALIKE[1], limit)
+    tried = [_least_squares(left, right, along, own, window, pair.step) for window in windows]
+    chosen = np.full(shift.shape, len(windows), np.uint8)
+    for number in reversed(range(len(windows))):
+        chosen[_carries(tried[number], _ALIKE[number], limit)] = number
     # texture that finds no partner is hidden from the other camera; without texture, unlike patches say nothing
-    state = np.where(fine | rough, TRUSTED, np.where(small.texture > _TEXTURE, OCCLUDED, SMOOTH)).astype(np.uint8)
+    state = np.where(chosen < len(windows), TRUSTED, np.where(tried[0].texture > _TEXTURE, OCCLUDED, SMOOTH)).astype(np.uint8)
+    chosen = np.minimum(chosen, np.uint8(len(windows) - 1))
     lonely = cv2.morphologyEx((state == TRUSTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones(windows[0][::-1], np.uint8)) == 0
     state[lonely & (state == TRUSTED)] = SMOOTH
     state[~grid.seen | (grid.x - grid.disparity - shift < 2)] = OUTSIDE
-    sigma = np.where(fine, small.sigma, large.sigma).astype(np.float32)
-    alike = np.where(fine, small.alike, large.alike).astype(np.float32)
-    return WallMatch(np.asarray(shift, np.float32), sigma, alike, fine, state)
+    sigma = answer_of(chosen, [window.sigma for window in tried])
+    return WallMatch(shift, sigma, answer_of(chosen, [window.alike for window in tried]), chosen, state)
+
+
+def answer_of(chosen: NDArray[np.uint8], answers: list[Floats]) -> Floats:
+    """Of one answer (Z, A) for each of WINDOWS the one of the window that was chosen."""
+    return np.asarray(np.choose(chosen, answers), dtype=np.float32)
 
 
 def likeness_at(
-    pair: EvenPair, grid: Unrolled, shift: Floats, misfit: RowMisfit, width: int, height: int
-) -> tuple[Floats, Floats]:
-    """Correlation of the patches (small window, large window) were the shift ``shift`` (px): how well another answer would
-    do."""
+    pair: EvenPair, grid: Unrolled, shift: Floats, misfit: RowMisfit, width: int, height: int, first: int = 0
+) -> list[Floats]:
+    """Correlation of the patches, for each of WINDOWS from the ``first`` on, were the shift ``shift`` (px): how well another
+    answer would do."""
     lift = misfit.at(grid.x, grid.y, width, height)
     left, right = _sampled(pair.left, grid.x, grid.y, pair.step), _right(pair, grid, shift, lift)[0]
-    small, large = windows_of(grid)
-    return _likeness(left, right, small), _likeness(left, right, large)
+    return [_likeness(left, right, window) for window in windows_of(grid)[first:]]
 
 
 def sweep(
-    pair: EvenPair, grid: Unrolled, first: Floats, misfit: RowMisfit, width: int, height: int, offset_px: float
+    pair: EvenPair,
+    grid: Unrolled,
+    first: Floats,
+    misfit: RowMisfit,
+    width: int,
+    height: int,
+    offset_px: float,
+    also: tuple[Floats, ...] = (),
 ) -> Floats:
-    """Where to begin (px): at ``first``, or at one of some distances before and behind the wall, where the small patches agree
-    clearly better. What stands out by more than the texture's grain is otherwise never reached."""
+    """Where to begin (px): at ``first``, or at one of some distances before and behind the wall, or at one of ``also``, where
+    patches agree clearly better, small ones if they tell, else large ones. What stands out by more than the texture's grain is
+    otherwise never reached."""
     lift = misfit.at(grid.x, grid.y, width, height)
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
-    small = _odd(grid, _TRIED)
-    mean = _blurred(left, small)
-    varied = _blurred(left * left, small) - mean * mean + np.float32(_PLAIN)
     shift = grid.disparity - np.float32(offset_px)
-    best = np.full(shift.shape, -1.0, np.float32)
-    found = np.zeros(shift.shape, np.float32)
-    for share in (None, 0.0, *_SWEEP):
-        start = first if share is None else np.asarray(share * shift, dtype=np.float32)
+    tries = [_Try(left, _odd(grid, window), _independent(grid, pair)) for window in _TRIED]
+    starts = [first, np.zeros_like(first), *also]
+    for number in range(len(starts) + len(_SWEEP)):
+        start = starts[number] if number < len(starts) else _SWEEP[number - len(starts)] * shift
+        start = np.asarray(start, dtype=np.float32)
         right = _sampled(pair.right, grid.x - grid.disparity - start, grid.y - lift, pair.step)
-        other = _blurred(right, small)
-        spread = varied * (_blurred(right * right, small) - other * other + _PLAIN)
-        alike = (_blurred(left * right, small) - mean * other) / np.sqrt(spread)
-        better = alike > best
-        best[better], found[better] = alike[better], start[better]
-        if share is None:
-            patches = small[0] * small[1] * _independent(grid, pair)
-            best += np.clip(_CLEARLY / np.sqrt(patches), *_MARGIN)
-    return np.asarray(cv2.medianBlur(found, 5), dtype=np.float32)
+        for one in tries:
+            one.put(start, right)
+    found = first
+    for one in tries:
+        found = np.where(one.sure, one.found, found)
+    return np.asarray(cv2.medianBlur(np.ascontiguousarray(found, dtype=np.float32), _MEDIAN), dtype=np.float32)
+
+
+class _Try:
+    """The best of several starts, by how well patches of one size agree. The first start is to be beaten clearly."""
+
+    def __init__(self, left: Floats, window: tuple[int, int], own: Floats) -> None:
+        self._left, self._window = left, window
+        self._mean = _blurred(left, window)
+        self._varied = _blurred(left * left, window) - self._mean * self._mean + np.float32(_PLAIN)
+        self._ahead = np.clip(_CLEARLY / np.sqrt(window[0] * window[1] * own), *_MARGIN)
+        self._first: Floats | None = None
+        self._best = np.full(left.shape, -1.0, np.float32)
+        self.found = np.zeros(left.shape, np.float32)
+
+    def put(self, start: Floats, right: Floats) -> None:
+        """Compare with the right picture where ``start`` (px) puts the wall."""
+        other = _blurred(right, self._window)
+        spread = self._varied * (_blurred(right * right, self._window) - other * other + np.float32(_PLAIN))
+        both = _blurred(self._left * right, self._window) - self._mean * other
+        alike = np.asarray(both / np.sqrt(spread), dtype=np.float32)
+        if self._first is None:
+            self._first = alike
+        better = alike > self._best
+        self._best[better], self.found[better] = alike[better], start[better]
+
+    @property
+    def sure(self) -> NDArray[np.bool_]:
+        """Where the best start agrees clearly better than the first."""
+        first = 0.0 if self._first is None else self._first
+        return np.asarray(self._best > first + self._ahead, dtype=np.bool_)
 
 
 def _independent(grid: Unrolled, pair: EvenPair) -> Floats:
@@ -185,9 +229,9 @@ def _independent(grid: Unrolled, pair: EvenPair) -> Floats:
     return np.asarray(np.clip(cell, 0.005, 0.18) / grid.fineness**2, dtype=np.float32)
 
 
-def windows_of(grid: Unrolled) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The small and the large window in cells of ``grid``, odd: the same patch of wall on every grid."""
-    return _odd(grid, _SMALL), _odd(grid, _LARGE)
+def windows_of(grid: Unrolled) -> list[tuple[int, int]]:
+    """WINDOWS in cells of ``grid``, odd: the same patch of wall on every grid."""
+    return [_odd(grid, window) for window in WINDOWS]
 
 
 def _odd(grid: Unrolled, window: tuple[int, int]) -> tuple[int, int]:

@@ -19,7 +19,8 @@ ROWS = 320
 @dataclass(frozen=True)
 class Unrolled:
     """A grid of ``theta`` (A,) rad about the wall's axis by ``depth`` (Z,) m, near to far, on a predicted wall; other arrays
-    are (Z, A).
+    are (Z, A). Depths grow by the same share from row to row: so cells cover about as many pixels along the pipe as around it,
+    near and far, and texture keeps one scale.
 
     ``x``, ``y``: pixel of the left picture whose ray meets the wall there; ``u``, ``v`` that ray (X/Z, Y/Z); ``disparity`` (px)
     that it should have; ``seen`` where that pixel lies in the picture.
@@ -35,9 +36,13 @@ class Unrolled:
     seen: NDArray[np.bool_]
 
     @property
-    def cell_m(self) -> tuple[float, float]:
-        """Depth of a cell (m) and its angle (rad)."""
-        return float(self.depth[1] - self.depth[0]), float(self.theta[1] - self.theta[0])
+    def cell(self) -> tuple[float, float]:
+        """Depth of a cell as a share of the depth it lies at (its logarithm), and its angle (rad)."""
+        return float(np.log(self.depth[1] / self.depth[0])), float(self.theta[1] - self.theta[0])
+
+    def row_of(self, depth: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Row, with its fraction, of depths (m) of any shape: whole at the middle of a row, far below 0 behind the camera."""
+        return np.asarray(np.log(np.maximum(depth, 1e-9) / self.depth[0]) / self.cell[0], dtype=np.float64)
 
     @property
     def fineness(self) -> float:
@@ -56,7 +61,7 @@ def unroll(wall: Wall, nearest: float, farthest: float, angles: int = ANGLES, ro
     rig = wall.rig
     camera = rig.intrinsics
     theta: NDArray[np.float64] = (np.arange(angles, dtype=np.float64) + 0.5) * (2 * np.pi / angles) - np.pi
-    depth: NDArray[np.float64] = nearest + (np.arange(rows, dtype=np.float64) + 0.5) * ((farthest - nearest) / rows)
+    depth: NDArray[np.float64] = nearest * (farthest / nearest) ** ((np.arange(rows, dtype=np.float64) + 0.5) / rows)
     constant, slope = wall.profile(theta)
     z = depth[:, None]
     radius = constant + slope * z

@@ -186,6 +186,7 @@ def main() -> None:
         others.append((findings.sure[0], findings.plain[1]))
         for patch, its in zip(one.sewer.things, true.alone, strict=True):
             assert isinstance(patch, Patch)
+            its = np.where(its * true.out > 0, its, 0.0)  # a hole that a deposit covers is none that can be seen
             seen = float(np.percentile(np.abs(its[np.abs(its) > 1e-3]), 98)) if (np.abs(its) > 1e-3).any() else 0.0
             core = at.wall & (np.abs(its) > 0.5 * seen) & (seen > 0)
             # counted where the survey says that it looked: what lies beyond the band's ends is not its claim

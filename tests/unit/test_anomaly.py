@@ -77,7 +77,7 @@ def test_what_closes_the_pipe_is_no_deposit_and_a_deposit_before_it_is_one() -> 
     deviation[210:220, 50:90] = -0.03  # reaches the far end, and is short
     deviation[120:220, 200:240] = -0.03  # a long deposit that reaches it, too
     deviation[100:120, 300:340] = -0.03
-    closing = what_closes(deviation, inside, 0.003)
+    closing = what_closes(deviation, inside, np.arange(240.0), 0.003)
     assert closing[210:220, 50:90].all()
     assert closing.sum() == 400
 
