@@ -205,7 +205,13 @@ class StructureMapper:
         for number, line in found.lines.items():
             features[number].line = line
         for number, point in found.points.items():
+            before = features[number].point
+            assert before is not None
             features[number].point = point
+            if number in self.objects:  # what was seen of an object moves with it, or its handle would stand beside it
+                moved = point - before
+                views = self.objects[number].views
+                self.objects[number].views = [View(view.eye + moved, view.cloud + moved) for view in views]
         return found.states[1:]
 
     def result(self) -> StructureMap:

@@ -6,6 +6,7 @@ import numpy as np
 
 from device.structure.database import shipped_knowledge
 from estimators.structure.mapper import StructureMapper
+from estimators.structure.objects_map import View
 from estimators.structure.types import Array, Parts, Sighting
 from estimators.structure.vehicle import SensorMount
 
@@ -68,6 +69,20 @@ def test_smoothing_twice_changes_nothing_more() -> None:
     mapper, _ = _survey()
     first = np.array(mapper.smooth())
     np.testing.assert_allclose(np.array(mapper.smooth()), first, atol=2e-3)
+
+
+def test_what_was_seen_of_an_object_moves_with_it() -> None:
+    mapper, _ = _survey()
+    handle = np.array([[0.0, 0.0, -0.1], [0.05, 0.0, -0.1]])
+    before = {n: f.point.copy() for n, f in mapper.slam.features.items() if f.point is not None}
+    for number, point in before.items():
+        mapper.objects[number].views = [View(np.zeros(3), point + handle)]
+    mapper.smooth()
+    for number, point in before.items():
+        after = mapper.slam.features[number].point
+        assert after is not None
+        assert np.linalg.norm(after - point) > 1e-5
+        np.testing.assert_allclose(mapper.objects[number].views[0].cloud - after, handle, atol=1e-12)
 
 
 def test_one_wrong_sighting_hardly_counts() -> None:
