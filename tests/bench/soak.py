@@ -97,6 +97,7 @@ class Soak:
         self._drive_s = drive_s
         self._rng = random.Random(seed)
         self._over = threading.Event()
+        self._stopped = ""
         self.run = Run()
 
     def go(self) -> Run:
@@ -109,9 +110,11 @@ class Soak:
             helper.start()
         surveys = threading.Thread(target=self._survey, daemon=True)
         surveys.start()
-        while (time.monotonic() - begun) < self._length_s and self._box.alive:
+        while (time.monotonic() - begun) < self._length_s and self._box.alive and surveys.is_alive():
             run.samples.append(sample(self._box.process, begun))
             self._over.wait(min(SAMPLE_S, self._length_s / 12))
+        if not surveys.is_alive():
+            raise SystemExit(f"The surveys stopped after {(time.monotonic() - begun) / 60:.0f} minutes: {self._stopped}")
         self._over.set()
         for helper in (*helpers, surveys):
             helper.join(90)
@@ -125,6 +128,12 @@ class Soak:
         return run
 
     def _survey(self) -> None:
+        try:
+            self._survey_on()
+        except (RuntimeError, OSError) as error:
+            self._stopped = str(error)
+
+    def _survey_on(self) -> None:
         """A measurement, a drive, and so on; every fourth drive is given up."""
         for number in itertools.count():
             if self._over.is_set():
@@ -138,7 +147,7 @@ class Soak:
 
     def _idle(self, condition: Any, within_s: float) -> None:
         if not self._box.wait(condition, within_s):
-            raise SystemExit(f"a survey did not end within {within_s:.0f} s, see {self._box.log}")
+            raise RuntimeError(f"a survey did not end within {within_s:.0f} s, see {self._box.log}")
 
     def _break(self) -> None:
         """One fault after the other, now of this sensor, now of that."""
@@ -161,7 +170,9 @@ class Soak:
         self.run.requests += 1
         try:
             self._box.ask(path, method, body)
-        except AssertionError:
+        except AssertionError as refusal:
+            if ": 403 " in str(refusal):
+                raise RuntimeError(f"the box does not let us: {refusal}") from None
             self.run.refused += 1  # a camera that is lost cannot measure, and says so
 
     def _counts(self) -> dict[str, Any]:
@@ -180,6 +191,8 @@ def main() -> None:
     parser.add_argument("--fault-every", type=float, default=60.0, metavar="SECONDS")
     parser.add_argument("--folder", type=Path, help="keep the box's data and log here")
     options = parser.parse_args()
+    if options.folder is not None and options.folder.exists() and any(options.folder.iterdir()):
+        parser.error(f"{options.folder} is not empty: the soak wants a box of its own")
     folder = options.folder or Path(tempfile.mkdtemp(prefix="borescout-soak-"))
     try:
         with faulty_box(folder) as box:
