@@ -1,13 +1,12 @@
 """Displaced joints: where the wall behind stands beside the wall before it, all around the pipe and from one place on.
 
-A gap is narrower than what one window of the match covers, and at a grazing angle little of it is seen at all; a displacement goes
-on behind it. So it is looked for in the way of the wall's middle: at each depth the ring's own shift against the fitted wall,
-and then where a straight line through the shifts before a place and one through those behind it do not meet.
+A gap is narrower than what one window of the match covers, and at a grazing angle little of it is seen at all; a displacement
+goes on behind it. So it is looked for in the way of the wall's middle: at each depth the ring's own shift against the fitted
+wall, and then where a line through the shifts before a place and one through those behind it do not meet. Where the wall was
+not measured on both sides, nothing is told.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,8 @@ _REACH_M = 0.14
 _GUARD_M, _GUARD_SHARE = 0.012, 0.12
 """What a window of the match smears about a place is left out: in metres, and as a share of the radius."""
 _LEAST_SIDE = 6
+_EVEN_M = 2e-4
+"""No wall is more even than this."""
 _LEAST_M, _LEAST_SHARE = 0.003, 0.015
 _TIMES_NOISE = 5.0
 _AROUND = 0.55
@@ -32,41 +33,40 @@ _SAME_M = 0.06
 """A ring and a displacement this near to each other are one joint."""
 
 
-@dataclass(frozen=True)
-class _Jumps:
-    """At each depth: by how much (m, x and y) the ring behind is shifted, (Z, 2), nan where it cannot be told."""
-
-    shift: Floats
-    sigma: Floats
-
-
 def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
     """``rings`` (see ``joints.find_joints``) and the displaced joints of which no ring was seen, from near to far; those have
-    neither ``gap`` nor ``step`` (nan). A ring whose displacement was not told gets it."""
-    jumps = _jumps(found)
-    size = np.hypot(jumps.shift[:, 0], jumps.shift[:, 1])
+    neither ``gap`` nor ``step`` (nan)."""
+    shift = ring_shifts(found)
+    guard = _guard(found)
+    jumps = np.array([_jump(found.depth, shift, row, guard, guard)[0] for row in range(len(found.depth))])
+    size = np.hypot(jumps[:, 0], jumps[:, 1])
     known = np.isfinite(size)
     if not known.any():
         return rings
     radius = float(np.median(found.radius))
-    noise = float(np.median(size[known]))
-    least = np.maximum(max(_LEAST_M, _LEAST_SHARE * radius, _TIMES_NOISE * noise / 1.18), _TIMES_NOISE * np.nan_to_num(jumps.sigma))
     joints = list(rings)
-    for row in _peaks(np.where(known, size, 0.0), round(_REACH_M / _step(found))):
+    for row in _peaks(np.where(known, size, 0.0), round(_REACH_M / float(found.depth[1] - found.depth[0]))):
         depth = float(found.depth[row])
-        if size[row] < least[row] or any(abs(depth - joint.depth) < _SAME_M for joint in rings):
+        # the side that stands back behind the edge is hidden by it for so long
+        hidden = float(size[row]) * depth / radius
+        jump, sigma = _jump(found.depth, shift, row, guard, guard + hidden)
+        offset = float(np.hypot(*jump))
+        # elsewhere: the lines beside this very place reach so far; the median of two parts of noise is 1.18 sigma
+        elsewhere = size[known & (np.abs(found.depth - depth) > guard + _REACH_M)]
+        noise = float(np.median(elsewhere)) / 1.18 if len(elsewhere) >= _LEAST_SIDE else 0.0
+        least = max(_LEAST_M, _LEAST_SHARE * radius, _TIMES_NOISE * noise, _TIMES_NOISE * sigma)
+        if not offset >= least or any(abs(depth - joint.depth) < _SAME_M for joint in rings):
             continue
-        if _explained(found, row, jumps.shift[row]) < _ALL_AROUND:
+        if _explained(found, row, jump, guard, guard + hidden) < _ALL_AROUND:
             continue
-        reach = _guard(found)
-        theta = float(np.arctan2(jumps.shift[row, 1], jumps.shift[row, 0]))
         nan = float("nan")
-        joints.append(Joint(depth, depth - reach, depth + reach, nan, nan, float(size[row]), theta))
+        depth = float(found.depth[_edge(found.depth, shift, row, jump, guard)])
+        joints.append(Joint(depth, depth - guard, depth + guard, nan, nan, offset, float(np.arctan2(jump[1], jump[0]))))
     return sorted(joints, key=lambda joint: joint.depth)
 
 
-def ring_shifts(found: DeviationMap) -> tuple[Floats, Floats]:
-    """((Z, 2) shift of the ring at each depth in m, x and y; (Z,) its sigma), nan where too little of it was measured.
+def ring_shifts(found: DeviationMap) -> Floats:
+    """(Z, 2): the shift (m) of the ring at each depth against the fitted wall, x and y; nan where too little was measured.
 
     A curve r(theta) that is shifted by (x, y) changes by x (cos + r'/r sin) + y (sin - r'/r cos) to first order.
     """
@@ -78,13 +78,14 @@ def ring_shifts(found: DeviationMap) -> tuple[Floats, Floats]:
     for _ in range(6):
         normal = np.einsum("za,zai,zaj->zij", weight, design, design) + 1e-9 * np.eye(3)
         solution = np.linalg.solve(normal, np.einsum("za,zai,za->zi", weight, design, deviation)[..., None])[..., 0]
-        off = np.where(measured, np.abs(deviation - np.einsum("zai,zi->za", design, solution)), np.nan)
-        with np.errstate(all="ignore"):
-            scale = np.maximum(1.4826 * np.nan_to_num(np.nanmedian(off, axis=1)), 2e-4)[:, None]
-        weight = measured / (1.0 + (np.nan_to_num(off) / (2 * scale)) ** 2)
-    spread = np.sqrt(np.linalg.inv(normal)[:, 1:, 1:].diagonal(axis1=1, axis2=2).max(axis=1)) * scale[:, 0]
+        off = np.abs(deviation - np.einsum("zai,zi->za", design, solution))
+        scale = [
+            max(1.4826 * float(np.median(row[there])), _EVEN_M) if there.any() else 1.0
+            for row, there in zip(off, measured, strict=True)
+        ]
+        weight = measured / (1.0 + (off / (2 * np.array(scale)[:, None])) ** 2)
     known = measured.mean(axis=1) > _AROUND
-    return np.where(known[:, None], solution[:, 1:], np.nan), np.where(known, spread, np.nan)
+    return np.where(known[:, None], solution[:, 1:], np.nan)
 
 
 def _design(found: DeviationMap) -> Floats:
@@ -96,44 +97,47 @@ def _design(found: DeviationMap) -> Floats:
     return np.stack([np.ones_like(radius), cosine + turn * sine, sine - turn * cosine], axis=-1)
 
 
-def _jumps(found: DeviationMap) -> _Jumps:
-    """What is missing between the line through the shifts before each depth and the one through those behind it."""
-    shift, _ = ring_shifts(found)
-    depth, guard = found.depth, _guard(found)
-    jump, sigma = np.full(shift.shape, np.nan), np.full(len(depth), np.nan)
-    for row, at in enumerate(depth):
-        ends = []
-        for sign in (-1.0, 1.0):
-            way = sign * (depth - at)
-            side = (way >= guard) & (way <= guard + _REACH_M) & np.isfinite(shift[:, 0])
-            if side.sum() < _LEAST_SIDE or np.ptp(depth[side]) < 0.6 * _REACH_M:
-                break
-            line = np.stack([np.ones(side.sum()), depth[side] - at], axis=1)
-            fitted = np.linalg.lstsq(line, shift[side], rcond=None)[0]
-            rest = float(np.sqrt(np.mean((shift[side] - line @ fitted) ** 2)))
-            ends.append((fitted[0], rest * float(np.sqrt(np.linalg.inv(line.T @ line)[0, 0]))))
-        if len(ends) == 2:
-            jump[row] = ends[1][0] - ends[0][0]
-            sigma[row] = float(np.hypot(ends[0][1], ends[1][1]))
-    return _Jumps(jump, sigma)
+def _jump(depth: Floats, shift: Floats, row: int, before: float, behind: float) -> tuple[Floats, float]:
+    """((2,) m, sigma): what is missing at a depth between the line through the shifts before it and the one through those
+    behind it, each from so far (m) on; nan where either cannot be told."""
+    ends = []
+    for sign, guard in ((-1.0, before), (1.0, behind)):
+        way = sign * (depth - depth[row])
+        side = (way >= guard) & (way <= guard + _REACH_M) & np.isfinite(shift[:, 0])
+        if side.sum() < _LEAST_SIDE or np.ptp(depth[side]) < 0.6 * _REACH_M:
+            return np.full(2, np.nan), float("nan")
+        line = np.stack([np.ones(side.sum()), depth[side] - depth[row]], axis=1)
+        fitted = np.linalg.lstsq(line, shift[side], rcond=None)[0]
+        rest = float(np.sqrt(np.mean((shift[side] - line @ fitted) ** 2)))
+        ends.append((fitted[0], rest * float(np.sqrt(np.linalg.inv(line.T @ line)[0, 0]))))
+    return np.asarray(ends[1][0] - ends[0][0]), float(np.hypot(ends[0][1], ends[1][1]))
 
 
-def _explained(found: DeviationMap, row: int, shift: Floats) -> float:
+def _explained(found: DeviationMap, row: int, jump: Floats, before: float, behind: float) -> float:
     """How much of the change at a depth, from angle to angle, is a shift of the whole ring."""
-    depth, guard = found.depth, _guard(found)
-    with np.errstate(all="ignore"):
-        before, behind = (
-            np.nanmean(np.where((way >= guard) & (way <= guard + _REACH_M / 2), found.deviation.T, np.nan), axis=1)
-            for way in (depth[row] - depth, depth - depth[row])
-        )
-    change = behind - before
+    way = found.depth - found.depth[row]
+    sides = []
+    for sign, guard in ((-1.0, before), (1.0, behind)):
+        near = (sign * way >= guard) & (sign * way <= guard + _REACH_M / 2)
+        part = found.deviation[near].astype(np.float64)
+        count = np.isfinite(part).sum(axis=0)
+        sides.append(np.where(count > 0, np.nan_to_num(part).sum(axis=0) / np.maximum(count, 1), np.nan))
+    change = sides[1] - sides[0]
     known = np.isfinite(change)
     if known.mean() < _AROUND:
         return 0.0
-    change = change[known] - change[known].mean()
-    expected = _design(found)[row][known][:, 1:] @ shift
-    rest = change - expected + expected.mean()
-    return float(1.0 - np.mean(rest**2) / max(float(np.mean(change**2)), 1e-12))
+    expected = _design(found)[row][known][:, 1:] @ jump
+    rest = change[known] - expected
+    return float(1.0 - np.var(rest) / max(float(np.var(change[known])), 1e-12))
+
+
+def _edge(depth: Floats, shift: Floats, row: int, jump: Floats, guard: float) -> int:
+    """The row about ``row`` at which half of the jump is made: the jump itself is as large anywhere within the guard."""
+    before = (depth < depth[row] - guard) & (depth > depth[row] - guard - _REACH_M) & np.isfinite(shift[:, 0])
+    along = shift @ jump / float(jump @ jump)
+    line = np.polyfit(depth[before], along[before], 1)
+    made = (along - np.polyval(line, depth) > 0.5) & (np.abs(depth - depth[row]) <= 2 * guard)
+    return int(np.argmax(made)) if made.any() else row
 
 
 def _peaks(size: Floats, apart: int) -> list[int]:
@@ -143,7 +147,3 @@ def _peaks(size: Floats, apart: int) -> list[int]:
 
 def _guard(found: DeviationMap) -> float:
     return _GUARD_M + _GUARD_SHARE * float(np.median(found.radius))
-
-
-def _step(found: DeviationMap) -> float:
-    return float(found.depth[1] - found.depth[0])

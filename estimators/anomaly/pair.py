@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.anomaly.deviation import DeviationMap, PointDeviations, deviation_map, point_deviations
+from estimators.anomaly.displaced import with_displaced
 from estimators.anomaly.joints import Joint, find_joints, ring_cells
 from estimators.anomaly.regions import Region, anomalous_share, find_regions
 from estimators.anomaly.score import BandScore, band_scores, plain_score, score, sure_score
@@ -50,7 +51,7 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
     own = used.offset_px != rig.offset_px or rig.offset_px is None
     points = point_deviations(followed)
     found = deviation_map(followed, points)
-    joints = find_joints(found)
+    joints = with_displaced(found, find_joints(found))
     rings = ring_cells(found, joints)
     regions = find_regions(found, joints)
     inward, outward = score(found, rings)
