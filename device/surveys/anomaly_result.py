@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimators.anomaly.joints import Joint
 from estimators.anomaly.pair import PairFindings, inspect_pair
 from estimators.anomaly.regions import Region
-from estimators.radial_profile.shape import Extent
+from estimators.radial_profile.shape import Z95, Extent
 from estimators.stereo.follow import Refused
 from estimators.stereo.rig import StereoRig
 
@@ -20,6 +20,10 @@ Result = dict[str, Any]
 WIDEST_INTERVAL = 0.25
 """Widths whose 95 % interval is wider than this share of them are not told: they would choose no liner."""
 _UNSURE = "No width: the calibration makes this wall more conical than pipes are, and the wall alone does not tell better."
+_NO_SCALE = (
+    "No width: this pair does not tell its own scale. All lengths, peaks and scores too, may be {percent:.0f} % wrong alike. "
+    "Calibrate the rig with a pipe of known size."
+)
 _SEED = 6
 
 
@@ -58,14 +62,16 @@ def result_of(findings: PairFindings) -> Result:
     """The result of a pair that was fitted."""
     shape = findings.shape
     unsure = findings.followed.unsure_scale
-    width, width_interval = _extent(None if unsure else shape.width)
-    height, height_interval = _extent(None if unsure else shape.height)
+    alike = Z95 * findings.followed.wall.rig.relative_std(shape.depth)
+    no_scale = not unsure and 2 * alike > WIDEST_INTERVAL
+    width, width_interval = _extent(None if unsure or no_scale else shape.width)
+    height, height_interval = _extent(None if unsure or no_scale else shape.height)
     named = shape.name != "free"
     depth = findings.map.depth
     return {
         "fitted": True,
-        "reason": "offset_unsure" if unsure else "",
-        "message": _UNSURE if unsure else "",
+        "reason": "offset_unsure" if unsure else "scale_unsure" if no_scale else "",
+        "message": _UNSURE if unsure else _NO_SCALE.format(percent=100 * alike) if no_scale else "",
         "score_mm": _mm(findings.inward, 3),
         "outward_mm": _mm(findings.outward, 3),
         "sure_inward_mm": _mm(findings.sure[0], 3),
@@ -82,6 +88,7 @@ def result_of(findings: PairFindings) -> Result:
         "anomalous_share": round(findings.anomalous, 5),
         "near_m": round(float(depth[0]), 3),
         "far_m": round(float(depth[-1]), 3),
+        "lengths_within_percent": round(100 * alike, 1),
         "offset_px": round(findings.offset_px, 2),
         "offset_std_px": round(findings.offset_std_px, 2),
         "own_offset": findings.own_offset,

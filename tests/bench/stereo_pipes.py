@@ -23,12 +23,14 @@ from estimators.stereo.follow import follow_wall
 from estimators.stereo.known_pipe import rig_from_known_pipe
 from estimators.stereo.rig import StereoRig
 from tests.bench.real_data import fail
-from tests.bench.stereo_reference import ReferencePair, reference_pair
+from tests.bench.stereo_reference import PAPER_BAND_PX, ReferencePair, reference_pair
 from tests.bench.table import print_table
 
 SMOOTH = ("L1", "M2", "M4", "N1", "R500", "E400600")
 """New pipes with little texture."""
 TILE = 480, 300
+NEAR = 0.05
+"""A depth within this share of the radius of the fitted wall lies on it or on something that is told from it."""
 
 
 def main() -> None:
@@ -47,7 +49,8 @@ def main() -> None:
     rows, tiles = [], []
     scores: dict[tuple[str, str], float] = {}
     references: dict[tuple[str, str], float] = {}
-    gained, noises, ours_seconds, their_seconds = [], [], [], []
+    same_band: dict[tuple[str, str], float] = {}
+    shares, noises, ours_seconds, their_seconds = [], [], [], []
     chosen = [entry for entry in folder.pairs if not options.pairs or name(entry).startswith(tuple(options.pairs))]
     for entry in chosen:
         frame = read_pair(folder, entry)
@@ -67,9 +70,10 @@ def main() -> None:
         scores[entry.pipe, entry.end] = findings.inward
         theirs = "-"
         if reference is not None:
-            coverage, noise = beside(findings, reference)
-            gained.append(findings.followed.coverage - coverage)
-            theirs = f"{100 * coverage:.1f} %"
+            share, noise = beside(findings, reference)
+            shares.append(share)
+            theirs = f"{100 * share[1]:.1f} %"
+            same_band[entry.pipe, entry.end] = score_in_band(findings)
             if entry.pipe == "R500" and noise is not None:
                 noises.append((name(entry), *noise))
         rows.append(
@@ -91,8 +95,11 @@ def main() -> None:
     print_table("Each pair alone: no range, no calibration", header, rows)
     fitted = sum(row[1] == "yes" for row in rows)
     print(f"\nfitted: {fitted} of {len(rows)}; the reference with the paper's fixed band: {len(references)} of {len(rows)}")
-    if gained:
-        print(f"wall pixels with a trusted depth, ours less the reference's: {100 * np.mean(gained):.1f} points on average")
+    if shares:
+        ours, theirs, our_near, their_near = 100 * np.mean(shares, axis=0)
+        print(f"wall pixels with a trusted depth: {ours:.1f} %, the reference's: {theirs:.1f} %, {ours - theirs:.1f} points")
+        near = f"{our_near:.1f} %, the reference's {their_near:.1f} %, {our_near - their_near:.1f} points"
+        print(f"of them within {100 * NEAR:.0f} % of the radius of the wall: {near}")
         both = f"ours {np.mean(ours_seconds):.2f} s, reference {np.mean(their_seconds):.2f} s"
         print(f"processor time a pair: {both} (cached matching counts nothing)")
     if noises:
@@ -102,7 +109,8 @@ def main() -> None:
         ("", "pipes", "Spearman", "95 %"),
         both_ends(scores, references),
     )
-    agreement(scores, references)
+    agreement(scores, references, "its own band each")
+    agreement(same_band, references, "the reference's band")
     known_sizes(folder)
     if options.sheet is not None:
         save_sheet(tiles, options.sheet)
@@ -123,11 +131,26 @@ def cached_reference(left: NDArray[np.uint8], right: NDArray[np.uint8], entry: P
     return found
 
 
-def beside(findings: PairFindings, reference: ReferencePair) -> tuple[float, tuple[str, str] | None]:
-    """(the reference's share of the same wall's pixels, residual noise in mm of both on the pixels that both have).
+def score_in_band(findings: PairFindings) -> float:
+    """Eq. 18 (m) over the same pixels as the reference's: those between the paper's two disparities; nan where there are none.
+    Each counts once, as there."""
+    followed = findings.followed
+    low, high = PAPER_BAND_PX
+    deviation = findings.points.deviation
+    counted = np.isfinite(deviation) & (followed.disparity > low) & (followed.disparity < high)
+    weight = followed.grid.pixels[counted].astype(np.float64)
+    if weight.sum() <= 0:
+        return float("nan")
+    return float(weight @ np.maximum(-deviation[counted].astype(np.float64), 0.0) / weight.sum())
 
-    Every match of the reference counts as trusted: it states no confidence. The noise of both is the robust spread about the
-    same wall, ours.
+
+def beside(
+    findings: PairFindings, reference: ReferencePair
+) -> tuple[tuple[float, float, float, float], tuple[str, str] | None]:
+    """(shares of the same wall's pixels, residual noise in mm of both on the pixels that both have).
+
+    The shares: ours with a trusted depth, the reference's with any, since it states no confidence, and of either those that are
+    within NEAR of the wall, which a wrong match hardly is. The noise of both is the robust spread about the same wall, ours.
     """
     followed = findings.followed
     grid, wall = followed.grid, followed.wall
@@ -135,18 +158,19 @@ def beside(findings: PairFindings, reference: ReferencePair) -> tuple[float, tup
     theirs = cv2.remap(reference.disparity, column, row, cv2.INTER_NEAREST, borderValue=(float("nan"),))
     visible = followed.ends.inside & grid.seen
     matched = visible & np.isfinite(theirs)
-    coverage = float(grid.pixels[matched].sum() / grid.pixels[visible].sum())
     both = matched & followed.match.trusted
-    if np.count_nonzero(both) < 1000:
-        return coverage, None
     met = wall.meet(grid.u, grid.v, np.broadcast_to(grid.depth[:, None], grid.u.shape))
     predicted = (wall.rig.offset_px or 0.0) + wall.rig.range_px_m / met
-    scale = 1000 * wall.profile(grid.theta)[0] / (grid.disparity - (wall.rig.offset_px or 0.0))
-    spread = []
-    for disparity in (followed.disparity, theirs):
+    shift = grid.disparity - (wall.rig.offset_px or 0.0)
+    scale = 1000 * wall.profile(grid.theta)[0] / shift
+    shares, spread = [], []
+    for disparity, known in ((followed.disparity, visible & followed.match.trusted), (theirs, matched)):
+        near = known & (np.abs(np.nan_to_num(disparity) - predicted) < NEAR * shift)
+        shares.append([float(grid.pixels[cells].sum() / grid.pixels[visible].sum()) for cells in (known, near)])
         residual = ((disparity - predicted) * scale)[both]
         spread.append(f"{1.4826 * float(np.median(np.abs(residual - np.median(residual)))):.2f}")
-    return coverage, (spread[0], spread[1])
+    noise = (spread[0], spread[1]) if np.count_nonzero(both) >= 1000 else None
+    return (shares[0][0], shares[1][0], shares[0][1], shares[1][1]), noise
 
 
 def both_ends(
@@ -180,15 +204,17 @@ def interval(one: NDArray[np.float64], other: NDArray[np.float64]) -> str:
     return f"{low:.2f} to {high:.2f}"
 
 
-def agreement(scores: dict[tuple[str, str], float], references: dict[tuple[str, str], float]) -> None:
+def agreement(scores: dict[tuple[str, str], float], references: dict[tuple[str, str], float], where: str) -> None:
     rows = []
-    common = [key for key in scores if key in references]
+    common = [key for key in scores if key in references and np.isfinite(scores[key])]
     for label, keys in (("all", common), ("well textured", [key for key in common if key[0] not in SMOOTH])):
         if len(keys) >= 4:
             one, other = np.array([scores[key] for key in keys]), np.array([references[key] for key in keys])
             rows.append((label, len(keys), f"{spearmanr(one, other).statistic:.2f}", interval(one, other)))
     if rows:
-        print_table("Our score against the reference's, pairs that both fitted", ("", "pairs", "Spearman", "95 %"), rows)
+        print_table(
+            f"Our score against the reference's, pairs that both fitted: {where}", ("", "pairs", "Spearman", "95 %"), rows
+        )
 
 
 def known_sizes(folder: PairFolder) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from device.surveys.anomaly_result import clock, inspect
+from device.surveys.anomaly_result import clock, inspect, result_of
 from drivers.virtual.landmarks import Patch
 from drivers.virtual.profile import circular
 from drivers.virtual.rig import Pose
@@ -203,6 +204,28 @@ def test_a_pair_finds_its_own_offset() -> None:
     assert found.offset_px == pytest.approx(12.0, abs=1.5)
     assert found.shape.width is not None
     assert found.shape.width.interval[0] <= DIAMETER <= found.shape.width.interval[1]
+
+
+def test_a_pair_that_does_not_know_its_scale_tells_no_width_but_by_how_much_its_lengths_may_be_wrong() -> None:
+    found = looked(0.03)
+    followed = found.followed
+    assert result_of(found)["reason"] == ""
+    assert result_of(found)["width_mm"] is not None
+    shift = followed.wall.rig.range_px_m / found.shape.depth
+    vague = replace(followed.wall.rig, offset_std_px=0.1 * shift)  # a tenth of the shift: lengths within 19.6 %
+    result = result_of(replace(found, followed=replace(followed, wall=replace(followed.wall, rig=vague))))
+    assert result["reason"] == "scale_unsure"
+    assert result["width_mm"] is None
+    assert result["lengths_within_percent"] == pytest.approx(19.6, abs=0.1)
+    assert "20 %" in result["message"]
+
+
+def test_the_unrolled_wall_has_rows_by_log_depth_and_cells_of_one_shape() -> None:
+    grid = looked(0.03).followed.grid
+    assert np.allclose(np.diff(np.log(grid.depth)), grid.cell[0])
+    assert grid.row_of(grid.depth) == pytest.approx(np.arange(len(grid.depth)), abs=1e-6)
+    assert grid.row_of(np.sqrt(grid.depth[:-1] * grid.depth[1:])) == pytest.approx(np.arange(len(grid.depth) - 1) + 0.5)
+    assert (grid.row_of(np.array([-1.0, 0.0])) < 0).all()
 
 
 def test_hidden_and_smooth_are_told_apart() -> None:
