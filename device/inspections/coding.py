@@ -26,10 +26,12 @@ DISPLACED_MM = 10.0
 _DEVIATIONS = {
     "deposit": ("BBC", "Z", ""),
     "intrusion": ("BBB", "Z", ""),
+    "attached": ("BBB", "Z", ""),
     "object": ("BBE", "Z", ""),
     "loss": ("BAF", "Z", "Z"),
 }
-"""Code and characterisations of a region: on the invert, elsewhere on the wall, free of it, missing wall."""
+"""Code and characterisations of a region: on the invert, elsewhere on the wall, the same of another colour, free of it, missing
+wall."""
 
 
 def observations(inspection: Inspection) -> tuple[Observation, ...]:

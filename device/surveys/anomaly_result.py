@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import zip_longest
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.anomaly.colour import RegionColour, named_by_colour, region_colours
 from estimators.anomaly.joints import Joint
 from estimators.anomaly.pair import PairFindings, inspect_pair
 from estimators.anomaly.regions import Region
@@ -38,7 +42,10 @@ def inspect(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -
         findings = inspect_pair(grey(left), grey(right), rig, np.random.default_rng(_SEED))
     except Refused as refusal:
         return refused(refusal.reason, str(refusal)), None
-    return result_of(findings), findings
+    camera = findings.followed.wall.rig.intrinsics
+    colours = region_colours(left, findings.map, camera, findings.regions)
+    findings = replace(findings, regions=named_by_colour(findings.regions, colours))
+    return result_of(findings, colours), findings
 
 
 def refused(reason: str, message: str) -> Result:
@@ -58,8 +65,8 @@ def refused(reason: str, message: str) -> Result:
     }
 
 
-def result_of(findings: PairFindings) -> Result:
-    """The result of a pair that was fitted."""
+def result_of(findings: PairFindings, colours: Sequence[RegionColour | None] = ()) -> Result:
+    """The result of a pair that was fitted; ``colours`` of its regions, where they were asked for."""
     shape = findings.shape
     unsure = findings.followed.unsure_scale
     alike = Z95 * findings.followed.wall.rig.relative_std(shape.depth)
@@ -92,7 +99,7 @@ def result_of(findings: PairFindings) -> Result:
         "offset_px": round(findings.offset_px, 2),
         "offset_std_px": round(findings.offset_std_px, 2),
         "own_offset": findings.own_offset,
-        "regions": [_region(region) for region in findings.regions],
+        "regions": [_region(region, colour) for region, colour in zip_longest(findings.regions, colours)],
         "joints": [_joint(joint) for joint in findings.joints],
         "bands": [
             {
@@ -113,7 +120,7 @@ def clock(theta: float) -> float:
     return 12.0 if hour in (0.0, 12.0) else float(hour)
 
 
-def _region(region: Region) -> Result:
+def _region(region: Region, colour: RegionColour | None) -> Result:
     return {
         "area_mm2": round(region.area * 1e6),
         "peak_mm": _mm(region.peak, 1),
@@ -126,6 +133,9 @@ def _region(region: Region) -> Result:
         "kind": region.kind,
         "expected": region.expected,
         "confidence": round(region.confidence, 2),
+        "colour": None
+        if colour is None
+        else {"region": list(colour.region), "wall": list(colour.wall), "tint": round(colour.tint, 3), "plain": colour.plain},
     }
 
 
