@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import click
@@ -86,7 +85,10 @@ def _virtual(file: Path | None, seed: int, first: int | None, upright: bool, rad
 
     chamber = VirtualChamber(load_structure(file), seed)
     # what the paper knows beforehand as well: how thick the pipes are
-    known = radius or median(pipe.radius for pipe in chamber.structure.runs)
+    radii = {pipe.radius for pipe in chamber.structure.runs}
+    if radius is None and len(radii) > 1:
+        raise Invalid("The pipes of the structure file have several radii: say with --pipe-radius which of them to map.")
+    known = radius or radii.pop()
     mapper = chamber.mapper(shipped_knowledge(), _settings(upright, known))
     total = len(chamber.scanner.times()[:first])
     with progress("Mapping", total) as bar:

@@ -81,6 +81,13 @@ def test_pipes_in_line_with_nothing_between_stay_two(tmp_path: Path) -> None:
         ),
         ({**CROSS, "scanner": {"noise_m": -1}}, "noise_m"),
         ({**CROSS, "path": {"duration_s": float("inf")}}, "duration_s"),
+        ({"pipes": [{"from": [0, 0, 4], "to": [1, 0, 4], "radius": 0.03}]}, "pipes 1 radius"),
+        ({**CROSS, "objects": [{"class": "socket", "position": [0, 2, 4], "axis": [1, 0, 0]}]}, "no pipe"),
+        ({"pipes": [{"from": [0, 0, 4], "to": [0, 0, 6]}]}, "pipe 1 does not lie in the tank"),
+        ({**CROSS, "path": {"radius_m": [3, 7]}}, "leaves the water"),
+        ({**CROSS, "path": {"waypoints": [[3, 0, 3], [0, 3, 3], [-3, 0, -1], [0, -3, 3]]}}, "leaves the water"),
+        ({**CROSS, "scanner": {"range_m": [5, 1]}}, "nearer range"),
+        ({**CROSS, "scanner": {"field_deg": [400, 30]}}, "field_deg"),
     ],
 )
 def test_a_file_that_cannot_be_says_why(tmp_path: Path, content: Any, why: str) -> None:

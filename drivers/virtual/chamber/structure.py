@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.base import RecordingBroken
 from drivers.virtual.chamber.objects import PORTS, WITH_HANDLE
@@ -21,6 +21,7 @@ from drivers.virtual.chamber.solids import Array
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Angle = Annotated[float, Field(gt=0, le=170)]
 
 ON_AXIS_M = 0.03
 """An object further from a pipe's axis is not on that pipe."""
@@ -80,11 +81,17 @@ class Scanner(_Strict):
     sweep_s: NotNegative = 0.3
     columns: Annotated[int, Field(ge=16, le=2000)] = 220
     rows: Annotated[int, Field(ge=16, le=2000)] = 180
-    field_deg: tuple[Positive, Positive] = (40.0, 33.0)
+    field_deg: tuple[Angle, Angle] = (40.0, 33.0)
     range_m: tuple[NotNegative, Positive] = (0.5, 4.6)
     noise_m: NotNegative = 0.005
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.02
     tilt_deg: float = 10.0
+
+    @model_validator(mode="after")
+    def _near_before_far(self) -> Scanner:
+        if self.range_m[0] >= self.range_m[1]:
+            raise ValueError("range_m: the nearer range comes first")
+        return self
 
 
 class Navigation(_Strict):
@@ -198,12 +205,36 @@ def structure_of(description: Description) -> Structure:
         for j, thing in enumerate(objects)
         if (kind := _where(run, thing.position)) is not None
     ]
+    for number in range(len(objects)):
+        if not any(edge.object == number for edge in edges):
+            raise ValueError(f"object {number + 1}, a {objects[number].label}, sits on no pipe")
+    _fits_in(description.tank, description)
     return Structure(description, tuple(runs), objects, tuple(edges))
+
+
+def _fits_in(tank: Tank, description: Description) -> None:
+    """Raises ValueError for a pipe, or a vehicle on its path, that is not in the water of the tank."""
+    half = np.array(tank.size_m) / 2
+
+    def inside(point: Any) -> bool:
+        x, y, z = point
+        return bool(abs(x) < half[0] and abs(y) < half[1] and 0 <= z < tank.depth_m)
+
+    for number, pipe in enumerate(description.pipes):
+        if not (inside(pipe.start) and inside(pipe.end)):
+            raise ValueError(f"pipe {number + 1} does not lie in the tank")
+    path = description.path
+    reach = max(path.radius_m)
+    x, y = path.centre
+    corners = [(x + i * reach, y + j * reach, z) for i in (-1, 1) for j in (-1, 1) for z in path.depth_m]
+    if not all(inside(point) for point in path.waypoints or corners):
+        raise ValueError("the path leaves the water of the tank")
 
 
 def _first(error: ValidationError) -> str:
     one = error.errors()[0]
-    return f"{'.'.join(str(part) for part in one['loc'])}: {one['msg']}"
+    place = " ".join(str(part + 1) if isinstance(part, int) else part for part in one["loc"])  # the first is 1, as elsewhere
+    return f"{place}: {one['msg'].removeprefix('Value error, ')}"
 
 
 def _object(number: int, line: ObjectLine) -> Object:
