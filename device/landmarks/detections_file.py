@@ -15,6 +15,8 @@ from estimators.landmarks.from_detections import Rig, Rows
 
 COLUMNS = ("frame", "time_s", "chainage_m", "u", "v", "class", "score")
 CENTRE_COLUMNS = ("foe_u", "foe_v")
+MOST_FRAMES = 10**12
+LARGEST_RADIUS_M = 10.0
 RIG_FIELDS = ("fx", "fy", "cx", "cy", "radius_m", "width", "height")
 
 
@@ -66,6 +68,8 @@ def read_rig(path: Path) -> Rig:
             raise Invalid(
                 f"The {name} of the rig {path} must be a {'' if name in ('cx', 'cy') else 'positive '}number, not {value!r}."
             )
+    if found["radius_m"] > LARGEST_RADIUS_M:
+        raise Invalid(f"The radius_m of the rig {path} is {found['radius_m']:g} m: no pipe is that wide, give it in metres.")
     return Rig(
         float(found["fx"]),
         float(found["fy"]),
@@ -89,7 +93,7 @@ def _text(path: Path, what: str) -> str:
     except OSError as error:
         raise Invalid(f"The {what} {path} cannot be read: {error.strerror}.") from None
     if not text.strip():
-        raise Invalid(f"The {what} {path} is empty.")
+        raise Invalid(f"The file {path} with the {what} is empty.")
     return text
 
 
@@ -115,7 +119,7 @@ def _row(path: Path, line: int, row: dict[str, Any], names: list[str]) -> dict[s
             raise Invalid(f"The detections {path}, line {line}: {name} is {shown}.")
         return value
 
-    seen = bool((row.get("u") or "").strip())
+    seen = math.isfinite(number("u", False))
     found: dict[str, Any] = {
         "frame": number("frame", True),
         "time_s": number("time_s", True),
@@ -127,6 +131,8 @@ def _row(path: Path, line: int, row: dict[str, Any], names: list[str]) -> dict[s
     }
     if found["frame"] != math.floor(found["frame"]):
         raise Invalid(f"The detections {path}, line {line}: frame {found['frame']:g} is no whole number.")
+    if abs(found["frame"]) > MOST_FRAMES:
+        raise Invalid(f"The detections {path}, line {line}: there is no frame {found['frame']:g}.")
     if seen and not found["class"]:
         raise Invalid(f"The detections {path}, line {line}: the detection has no class.")
     if CENTRE_COLUMNS[0] in names:

@@ -17,16 +17,20 @@ from estimators.landmarks.mapper import Mapper, MapperConfig
 from estimators.landmarks.projection import PipeCamera, View
 from estimators.landmarks.refine import refine
 from estimators.landmarks.types import Landmark, Observation
-from estimators.odometry import destep
+from estimators.odometry import FASTEST, destep
 
 Array = NDArray[np.float64]
 
 PASSES = 3
+FALLING = 0.7
+"""So much of the way downwards is a drive downwards."""
 AGREED = 0.12
 """The noise (px) is found when it changes by less than this share from one pass to the next."""
 LEAST_STEP = 0.004
 """A counter with smaller steps (m) is as good as one without."""
 NOMINAL_FPS = 25.0
+SAME = 0.01
+"""Chainages (m) of one frame that differ by more contradict each other."""
 SMOOTH_STD = 0.004
 """Of a position (m) that comes without steps."""
 
@@ -61,13 +65,47 @@ class Rows:
 
 
 def map_detections(rows: Rows, rig: Rig, config: MapperConfig | None = None) -> list[Landmark]:
-    """The landmarks, along the pipe. Raises ValueError for a table that makes no sense."""
+    """The landmarks, along the pipe. Raises ValueError for a table that makes no sense.
+
+    Where the chainage falls nearly all the way, the crawler was pulled back, or it drove towards its zero: which of the two,
+    the detections tell, for what is ahead grows in the picture.
+    """
+    config = config or MapperConfig()
+    found = _map(rows, rig, config)
+    frames = np.unique(rows.frame, return_index=True)[1]
+    steps = np.diff(rows.chainage[frames])
+    if -steps[steps < 0].sum() < FALLING * np.abs(steps).sum() or not len(steps):
+        return found
+    ahead = _map(replace(rows, chainage=-rows.chainage), rig, config)
+    if sum(one.hits for one in ahead) <= sum(one.hits for one in found):
+        return found
+    return sorted((_mirrored(one) for one in ahead), key=lambda one: one.chainage)
+
+
+def _mirrored(landmark: Landmark) -> Landmark:
+    """Mapped with chainages of the other sign."""
+    turn = np.diag([-1.0, 1.0])
+    sightings = tuple(replace(one, view=replace(one.view, position=-one.view.position)) for one in landmark.sightings)
+    return replace(
+        landmark,
+        chainage=-landmark.chainage,
+        chainage_from=-landmark.chainage_to,
+        chainage_to=-landmark.chainage_from,
+        covariance=turn @ landmark.covariance @ turn,
+        ends=None if landmark.ends is None else landmark.ends[::-1, ::-1].copy(),
+        sightings=sightings,
+    )
+
+
+def _map(rows: Rows, rig: Rig, config: MapperConfig) -> list[Landmark]:
+    """The landmarks, for a camera that looks towards growing chainages."""
     camera = PipeCamera(rig.fx, rig.fy, rig.radius, rig.width, rig.height)
     observations, unsure = observations_of(rows, rig)
-    config = config or MapperConfig()
     if not any(o.detections for o in observations):
         return []
     names = list(dict.fromkeys([*config.classes, *(name for name in rows.label if name)]))
+    reaching = {_plain(name) for name in config.long_classes}
+    config = replace(config, long_classes=tuple(name for name in names if _plain(name) in reaching))
     for _ in range(PASSES):
         mapper = Mapper(camera, config)
         for observation in observations:
@@ -79,6 +117,11 @@ def map_detections(rows: Rows, rig: Rig, config: MapperConfig | None = None) -> 
         if settled:
             break
     return [landmark.less_sure(unsure**2) for landmark in refined.landmarks]
+
+
+def _plain(name: str) -> str:
+    """A class as others may write it: "Displaced_Joint"."""
+    return name.strip().casefold().replace("_", " ")
 
 
 def observations_of(rows: Rows, rig: Rig) -> tuple[list[Observation], float]:
@@ -98,6 +141,16 @@ def observations_of(rows: Rows, rig: Rig) -> tuple[list[Observation], float]:
     numbers, first, inverse = np.unique(rows.frame, return_index=True, return_inverse=True)
     times = _growing(rows.time_s[first])
     shown = rows.chainage[first]
+    other = np.flatnonzero(np.abs(rows.chainage - shown[inverse]) > SAME)
+    if len(other):
+        at = int(other[0])
+        raise ValueError(f"Frame {rows.frame[at]} has two chainages, {shown[inverse[at]]:g} and {rows.chainage[at]:g}.")
+    given = np.diff(rows.time_s[first])
+    speed = np.abs(np.diff(shown)) / given if (given > 0).all() else np.zeros(0)
+    if len(speed) > 1 and float(np.median(speed)) > FASTEST:
+        raise ValueError(
+            f"The crawler would have driven at {np.median(speed):.0f} m/s: chainage_m is in metres, time_s in seconds."
+        )
     step = counter_step(shown)
     if step > LEAST_STEP:
         positions, std = destep(times, shown, step)
@@ -131,13 +184,17 @@ def counter_step(shown: Array) -> float:
     """The step (m) of a counter, 0 for one that runs smoothly.
 
     All changes are multiples of the step. A smooth position that was written with some decimals has a step too, that of the
-    last decimal, but a tiny one.
+    last decimal, but a tiny one; and that of a crawler at one speed changes by the same from each frame to the next, which no
+    counter does that counts now and then.
     """
-    changes = np.abs(np.diff(shown))
-    changes = changes[changes > 1e-6]
+    every = np.abs(np.diff(shown))
+    moves = every > 1e-6
+    changes = every[moves]
     if len(changes) == 0:
         return 0.0
     step = float(np.median(changes[changes < 1.5 * changes.min()]))
+    if np.ptp(changes) < 0.01 * step and (moves[1:] & moves[:-1]).sum() > 0.9 * (moves.sum() - 1):
+        return 0.0
     whole = changes / step
     fits = np.abs(whole - np.round(whole)) < 0.02 + 1e-3 * whole
     return step if fits.mean() > 0.95 else 0.0

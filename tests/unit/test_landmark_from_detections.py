@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -115,3 +116,39 @@ def test_a_table_that_makes_no_sense_is_refused_with_a_sentence() -> None:
         map_detections(rows, replace(RIG, radius=0.0))
     with pytest.raises(ValueError, match="different lengths"):
         map_detections(replace(rows, u=rows.u[:-1]), RIG)
+
+
+def test_a_drive_towards_zero_is_mapped_by_what_grows_in_the_picture() -> None:
+    rows = rows_of(DRIVE[:310], PIPE[:2])
+    falling = replace(rows, chainage=50.0 - rows.chainage)
+    found = map_detections(falling, RIG)
+    assert [round(one.chainage, 1) for one in found] == [45.7, 46.0]
+    assert all(one.chainage > seen.view.position - 5 for one in found for seen in one.sightings)
+
+
+def test_a_crawler_at_one_speed_is_no_counter_that_steps() -> None:
+    assert counter_step(np.arange(200) * 0.0155) == 0.0
+    assert counter_step(np.floor(np.arange(200) * 0.0155 / 0.1) * 0.1) == pytest.approx(0.1)
+
+
+def test_where_the_focus_of_expansion_wanders_unseen_the_map_says_so() -> None:
+    rows = rows_of(DRIVE[:310], PIPE[:2])
+    turn = rows.frame / 60.0
+    wandering = replace(rows, u=rows.u + 30 * np.sin(turn), v=rows.v + 25 * np.cos(1.3 * turn))
+    for still, astray in zip(map_detections(rows, RIG), map_detections(wandering, RIG), strict=True):
+        assert astray.ends_std[0] > 2 * still.ends_std[0]
+        assert abs(astray.chainage - still.chainage) < 2 * astray.ends_std[0]
+
+
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        (lambda rows: replace(rows, chainage=rows.chainage + (np.arange(len(rows.frame)) == 300)), "two chainages"),
+        (lambda rows: replace(rows, chainage=1000 * rows.chainage), "m/s"),
+    ],
+)
+def test_a_table_that_contradicts_itself_is_refused(broken: Callable[[Rows], Rows], said: str) -> None:
+    rows = rows_of(DRIVE)
+    assert (rows.frame[299:302] == rows.frame[300]).sum() > 1
+    with pytest.raises(ValueError, match=said):
+        map_detections(broken(rows), RIG)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from estimators.landmarks import belief
 from estimators.landmarks.mapper import MapperConfig, thumbnail_size
 from estimators.landmarks.projection import PipeCamera, View
-from estimators.landmarks.refine.detector import errors_of, false_density, noise, reach, starts
+from estimators.landmarks.refine.detector import errors_of, false_density, granted, noise, reach, starts
 from estimators.landmarks.refine.doubles import echoes, join, split
 from estimators.landmarks.refine.fit import fit
 from estimators.landmarks.refine.judge import judge, shows_in
@@ -60,11 +60,13 @@ def refine(
         spots = own(run, spots, pixel_std, far if turn else 3 * far)
         sees = reach(run, spots, far)
         far = sees.far
-        spots = [fit(run, spot, pixel_std, sees) for spot in spots if len(spot.rows) >= LEAST]
+        known = granted(run, spots)
+        spots = [fit(run, spot, pixel_std, sees, known) for spot in spots if len(spot.rows) >= LEAST]
         spots = join(run, spots, sees)
         spots = [part for spot in spots for part in split(run, spot, pixel_std, sees)]
         pixel_std = noise(run, spots, pixel_std)
-    spots = [fit(run, spot, pixel_std, sees) for spot in own(run, spots, pixel_std, far) if len(spot.rows) >= LEAST]
+    known = granted(run, spots)
+    spots = [fit(run, spot, pixel_std, sees, known) for spot in own(run, spots, pixel_std, far) if len(spot.rows) >= LEAST]
     shown = [shows_in(run, spot, far, pixel_std) for spot in spots]
     errors, density = errors_of(run, spots, shown), false_density(run, spots)
     judged = [(spot, *judge(run, spot, shows, density, errors, pixel_std)) for spot, shows in zip(spots, shown, strict=True)]

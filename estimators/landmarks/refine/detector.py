@@ -12,14 +12,18 @@ from scipy.special import ndtr, ndtri
 from estimators.landmarks.belief import Errors
 from estimators.landmarks.ekf import wrap
 from estimators.landmarks.refine.own import GATE
-from estimators.landmarks.refine.run import LONG_FROM, Reach, Run, Spot, nearest_depth
+from estimators.landmarks.refine.run import LONG_FROM, Granted, Reach, Run, Spot, nearest_depth
 from estimators.landmarks.types import Landmark
 
 Array = NDArray[np.float64]
 
 BEFORE_BORDER = 1.2
 """A point last seen so many times as deep as where it leaves the picture was lost before."""
-POINTS = 3
+SHARE = 0.02
+"""Standard deviation of the logarithm of a landmark's distance from the axis, before anything was seen."""
+MOST_CENTRE, MOST_SHARE = 60.0, 0.15
+"""A focus of expansion (px) and a radius (logarithm) further off than this would be seen otherwise."""
+POINTS = 2
 """So many point landmarks tell how near the detector sees."""
 
 
@@ -83,6 +87,26 @@ def reach(run: Run, spots: list[Spot], before: float) -> Reach:
     seen = np.cumsum(hit[order])
     value = _step_likelihood(seen, below) + _step_likelihood(seen[-1] - seen, below[-1] - below)
     return Reach(float(np.median(last)), float(depth[order][int(np.argmax(value))]), near_known=len(last) >= POINTS)
+
+
+def granted(run: Run, spots: Sequence[Spot]) -> Granted:
+    """How wrong that is which is taken for granted, as far as the point landmarks show it, beside what is believed before.
+
+    Each landmark's own sightings tell its errors of centre and distance from the axis more or less well; the mean of their
+    squares, less what is noise in them, is the variance looked for.
+    """
+    before = np.array([float(np.median(run.frames.centre_std)), SHARE])
+    told = [spot.errors for spot in spots if spot.errors is not None and len(spot.rows) >= 20]
+    found = []
+    for std, columns, most in ((before[0], (0, 1), MOST_CENTRE), (before[1], (2,), MOST_SHARE)):
+        square = np.array([errors.value[k] ** 2 - errors.variance[k] for errors in told for k in columns])
+        noise2 = np.array([errors.variance[k] for errors in told for k in columns])
+        # those that are too noisy to tell a usual error say next to nothing, unless theirs is far greater
+        scale2 = std**2 + np.maximum(square, 0.0) / 4
+        weight = (scale2 / (scale2 + noise2)) ** 2
+        variance = (std**2 + float(weight @ square)) / (1.0 + float(weight.sum()))
+        found.append(float(np.clip(np.sqrt(max(variance, 0.0)), std / 2, most)))
+    return Granted(*found)
 
 
 def _step_likelihood(seen: NDArray[np.int64], of: NDArray[np.int64]) -> Array:

@@ -72,9 +72,27 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Errors:
+    """Errors (3,) of centre (px, two) and of the logarithm of a landmark's distance from the axis as its sightings show them,
+    with their variances (3,)."""
+
+    value: Array
+    variance: Array
+
+
+@dataclass(frozen=True)
+class Granted:
+    """Standard deviations of what is taken for granted: ``centre`` (px, each coordinate), and ``share`` of the logarithm of how
+    far from the axis, in radii, a landmark is taken to be."""
+
+    centre: float
+    share: float
+
+
+@dataclass(frozen=True)
 class Spot:
     """A landmark while it is being worked on; ``rows`` of the Detections that are its own; ``ends`` (2, 2) is the covariance of
-    ``low`` and ``high``, None for a point."""
+    ``low`` and ``high``, None for a point; ``errors`` what a point's sightings say of what is taken for granted."""
 
     low: float
     high: float
@@ -84,6 +102,7 @@ class Spot:
     belief: Array
     rows: Index
     ends: Array | None = None
+    errors: Errors | None = None
 
     @property
     def middle(self) -> float:
@@ -195,10 +214,12 @@ def spread(camera: PipeCamera, depth: Array, std: Array, pixel_std: float) -> tu
 
 
 def distance2_of(run: Run, rows: Index, spot: Spot, pixel_std: float) -> Array:
-    """Squared Mahalanobis distance of detections ``rows`` to the nearest point of the landmark."""
+    """Squared Mahalanobis distance of detections ``rows`` to the nearest point of the landmark, which may reach further by what
+    its ends are unsure of: what is kept from it would confirm that it ends there."""
     which = run.detections.frame[rows]
     seen = run.frames.position[which] + 1.0 / run.detections.inverse_depth[rows]
-    chainage = np.clip(seen, spot.low, spot.high)
+    before, after = (0.0, 0.0) if spot.ends is None else np.sqrt(np.diag(spot.ends))
+    chainage = np.clip(seen, spot.low - before, spot.high + after)
     expected, depth = predict(run, which, chainage, spot.angle)
     off = run.detections.pixels[rows] - expected
     ray = expected - run.frames.centre[which]
