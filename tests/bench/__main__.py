@@ -46,6 +46,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("structure_recognition", ("--seeds", "3"), ("--seeds", "1", "--rate", "0.02")),
     ("stereo_pipes", (), ("--without-reference", "--pairs", "R500", "E400600", "F1")),
     ("anomaly_virtual", (), ("--scenes", "6", "--clean", "6", "--smooth", "2")),
+    ("anomaly_roots", (), ("--scenes", "2")),
     ("anomaly_joints", (), ("--pairs", "6")),
     ("stereo_cost", (), ("--pairs", "F1 Back")),
     ("structure_slam", ("--seeds", "3", "--fault-seeds", "1"), ("--seeds", "1", "--fault-seeds", "1")),
