@@ -38,6 +38,7 @@ FPS = 25.0
 CENTRE_NOISE = 4.0
 """Error (px) of the focus of expansion in each frame."""
 INVERT = np.pi / 2
+INTERVAL_95 = 1.96
 
 
 @dataclass
@@ -63,6 +64,18 @@ class Tally:
         ours = [m for m in self.matched if m.landmark is not None and m.truth.label == label]
         along = np.array([m.along for m in ours])
         return along, np.degrees([m.around for m in ours if m.truth.angle_known])
+
+    def covered(self, label: str) -> str:
+        """Of the begins and ends of what was found, the share within the 95 % interval of its own sigma, and the mean square of
+        its error in sigmas."""
+        found = [(m.truth, m.landmark) for m in self.matched if m.landmark is not None and m.truth.label == label]
+        errors = [
+            (error / std)
+            for truth, one in found
+            for error, std in zip((one.chainage_from - truth.low, one.chainage_to - truth.high), one.ends_std, strict=True)
+        ]
+        square = np.square(errors)
+        return f"{percent(int((square < INTERVAL_95**2).sum()), len(errors))}, {square.mean():.2f}" if errors else "-"
 
     def found(self, label: str) -> str:
         ours = [m for m in self.matched if m.truth.label == label]
@@ -170,7 +183,7 @@ def record(title: str, part: slice, seeds: int, laws: Sequence[str], means: Sequ
 
 _HEADER = (
     "deposits show, counter", "complete", "connections", "deposits", "false a run",
-    "connections m", "worst", "deg", "worst", "deposits m", "worst", "deg", "s a run",
+    "connections m", "worst", "deg", "worst", "95 %, z^2", "deposits m", "worst", "deg", "95 %, z^2", "s a run",
 )  # fmt: skip
 
 
@@ -184,6 +197,7 @@ def _row(name: str, tally: Tally) -> tuple[str, ...]:
             cells += [f"{around.mean():.1f}", f"{around.max():.1f}"] if len(around) else ["-", "-"]
         else:
             cells += [f"{around.mean():.1f}"] if len(around) else ["-"]
+        cells.append(tally.covered(label))
     return (*cells, f"{tally.seconds / tally.runs:.1f}")
 
 
