@@ -92,6 +92,7 @@ def result_of(findings: PairFindings, colours: Sequence[RegionColour | None] = (
         "profile_height_mm": _mm(shape.fitted_height, 1) if named and width is not None else None,
         "ovality_percent": None if np.isnan(shape.ovality) else round(100 * shape.ovality, 2),
         "coverage": round(findings.followed.coverage, 4),
+        "rough": round(findings.followed.rough, 4),
         "anomalous_share": round(findings.anomalous, 5),
         "near_m": round(float(depth[0]), 3),
         "far_m": round(float(depth[-1]), 3),

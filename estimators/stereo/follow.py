@@ -103,9 +103,18 @@ class FollowedWall:
     @property
     def coverage(self) -> float:
         """Share of the wall's pixels with a trusted depth. Each cell counts for the pixels that it covers."""
+        return self._share(self.match.trusted)
+
+    @property
+    def rough(self) -> float:
+        """Share of the wall's pixels whose depth only the largest window tells: what is smaller than that is flattened there
+        and may not be seen."""
+        return self._share(self.match.trusted & (self.match.window == len(WINDOWS) - 1))
+
+    def _share(self, cells: NDArray[np.bool_]) -> float:
         visible = self.ends.inside & self.grid.seen
         pixels = self.grid.pixels
-        return float(pixels[visible & self.match.trusted].sum() / max(float(pixels[visible].sum()), 1e-9))
+        return float(pixels[visible & cells].sum() / max(float(pixels[visible].sum()), 1e-9))
 
 
 def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig, rng: np.random.Generator) -> FollowedWall:

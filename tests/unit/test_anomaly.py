@@ -236,6 +236,11 @@ def test_hidden_and_smooth_are_told_apart() -> None:
     assert (smooth == OCCLUDED).sum() < (smooth == SMOOTH).sum()
 
 
+def test_a_wall_with_less_texture_is_told_more_by_large_patches_alone() -> None:
+    fine, coarse = looked(0.03).followed, looked(0.0, grain=0.03).followed
+    assert 0.0 <= fine.rough < coarse.rough <= coarse.coverage
+
+
 def test_two_pictures_of_nothing_are_refused_with_a_sentence() -> None:
     camera = Intrinsics(480, 300, 500.0, 500.0, 239.5, 149.5)
     noise = np.random.default_rng(0).integers(0, 255, (2, 300, 480), dtype=np.uint8)
