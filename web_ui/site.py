@@ -28,6 +28,7 @@ def blueprint(device: "Device") -> Blueprint:
             nodes=nodes,
             names={node["id"]: node["name"] for node in nodes},
             pipes=places.pipes(),
+            gone=places.pipes(deleted=True),
             deleted=bodies.read_query(bodies.DeletedQuery).deleted,
             materials=wanted.MATERIALS,
             shapes=wanted.SHAPES,

@@ -106,7 +106,7 @@ def observation_json(one: Observation) -> dict[str, Any]:
 
 
 def _pipe(store: Store, pipe_id: int) -> PipeRecord:
-    pipe = store.places.pipe(pipe_id)
+    pipe = store.places.pipe(pipe_id, deleted=True)  # its reports stay
     nodes = {node["id"]: node for node in store.places.nodes()}
     ends = [nodes.get(pipe[key]) for key in ("start_node", "end_node")]
     if None in ends:

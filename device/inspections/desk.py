@@ -31,7 +31,8 @@ class Desk:
 
     def all(self, pipe_id: int | None = None) -> list[_JSON]:
         """Every inspection, or one pipe's, newest first, with the name of its pipe."""
-        names = {pipe["id"]: pipe["name"] for pipe in self._store.places.pipes()}
+        places = self._store.places
+        names = {pipe["id"]: pipe["name"] for pipe in (*places.pipes(), *places.pipes(deleted=True))}
         return [{**one, "pipe": names.get(one["pipe_id"])} for one in self._store.inspections.all(pipe_id)]
 
     def begin(self, pipe_id: int, data: _JSON) -> _JSON:

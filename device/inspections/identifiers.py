@@ -1,4 +1,4 @@
-"""Identifiers of pipes and manholes: built from the manholes' names, judged while they are typed and when they are kept."""
+"""Identifiers of pipes and manholes: built from the manholes' names, judged while they are typed."""
 
 from __future__ import annotations
 

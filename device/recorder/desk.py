@@ -32,11 +32,7 @@ class RecordingDesk:
         """
         ended = self._store.surveys.recording(survey_id) or {}
         now = self._shelf.under_way(survey_id)
-        files = [
-            {"take": name.take, "part": name.part, "file": path.name, "bytes": path.stat().st_size}
-            for path in self._shelf.files(survey_id)
-            if (name := name_of(path)) is not None and path.exists()
-        ]
+        files = [file for path in self._shelf.files(survey_id) if (file := _stated(path)) is not None]
         message = ended.get("message", "")
         if not files and not message:
             message = GONE if ended.get("files") else NEVER
@@ -54,6 +50,15 @@ class RecordingDesk:
             if name_of(path) == Name(survey_id, take, part):
                 return path
         raise NotFound(f"Survey {survey_id} has no such recording: it was removed to make room, or there never was one.")
+
+
+def _stated(path: Path) -> dict[str, Any] | None:
+    name = name_of(path)
+    try:
+        size = path.stat().st_size
+    except FileNotFoundError:
+        return None  # it has just gone to make room
+    return None if name is None else {"take": name.take, "part": name.part, "file": path.name, "bytes": size}
 
 
 def keep_outcome(store: Store, survey_id: int, status: RecorderStatus) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from device.config import sentence
 from device.errors import Invalid, NotFound
@@ -46,12 +46,6 @@ class _Pipe(BaseModel):
     length_m: Annotated[float, Field(gt=0, lt=10_000, allow_inf_nan=False)] | None = None
     note: Annotated[str, Field(max_length=2000)] = ""
 
-    @model_validator(mode="after")
-    def _two_ends(self) -> _Pipe:
-        if self.start_node is not None and self.start_node == self.end_node:
-            raise ValueError("a pipe joins two manholes, these are one")
-        return self
-
 
 class _Site(BaseModel):
     model_config = ConfigDict(extra="forbid")
@@ -74,6 +68,7 @@ class _Node(BaseModel):
 _NODE = "SELECT nodes.id, nodes.name, sites.name AS site, easting, northing, level FROM nodes JOIN sites ON sites.id = site_id"
 
 
+_PLACED = "SELECT 1 FROM nodes WHERE easting IS NOT NULL OR northing IS NOT NULL LIMIT 1"
 _INSERT_PIPE = (
     "INSERT INTO pipes (name, start_node, end_node, material, shape, reference_dn, length_m, note)"
     " VALUES (:name, :start_node, :end_node, :material, :shape, :reference_dn, :length_m, :note)"
@@ -96,6 +91,11 @@ class Places:
         before = self.site()
         site = checked(_Site, {"name": before["name"], "crs": before["crs"], **data})
         with self._database.write() as connection:
+            if before["crs"] not in (None, site.crs) and connection.execute(_PLACED).fetchone():
+                raise Invalid(
+                    f"Manholes have coordinates in EPSG:{before['crs']}: under another number they would lie somewhere else. "
+                    "Take the coordinates away first."
+                )
             connection.execute("UPDATE sites SET name = ?, crs = ? WHERE id = ?", (site.name, site.crs, _DEFAULT_SITE))
         return self.site()
 
@@ -114,7 +114,7 @@ class Places:
 
     def create_node(self, name: str, **place: float | None) -> dict[str, Any]:
         """A new node at the default site. Raises Invalid for an empty name or one that is taken."""
-        node = checked(_Node, {"name": name, **place})
+        node = _node(name, {"name": name, **place})
         try:
             with self._database.write() as connection:
                 number = connection.execute(
@@ -129,7 +129,7 @@ class Places:
     def update_node(self, node_id: int, data: dict[str, Any]) -> dict[str, Any]:
         """Change the fields in ``data``, keep the others. Raises NotFound, Invalid."""
         before = self.node(node_id)
-        node = checked(_Node, {**{name: before[name] for name in _Node.model_fields}, **data})
+        node = _node(before["name"], {**{name: before[name] for name in _Node.model_fields}, **data})
         try:
             with self._database.write() as connection:
                 connection.execute(
@@ -147,7 +147,7 @@ class Places:
             with self._database.write() as connection:
                 connection.execute("DELETE FROM nodes WHERE id = ?", (node_id,))
         except sqlite3.IntegrityError:
-            raise Invalid(f"{node['name']} stays: a pipe or a survey belongs to it.") from None
+            raise Invalid(f"{node['name']} stays: a pipe (or one that was deleted) or a survey belongs to it.") from None
 
     def judge_node(self, name: str, own: int | None = None) -> dict[str, Any]:
         """Whether ``name`` may be that of a manhole: {"name", "error", "warnings"}. ``own`` is the one that is renamed."""
@@ -163,23 +163,23 @@ class Places:
         }
         return asdict(identifiers.judge_pipe(name, upstream, downstream, others, set(nodes.values())))
 
-    def pipes(self) -> list[dict[str, Any]]:
-        """Every pipe that is not deleted, by name."""
+    def pipes(self, deleted: bool = False) -> list[dict[str, Any]]:
+        """Every pipe that is not deleted, or every one that is, by name."""
         with self._database.read() as connection:
-            rows = connection.execute("SELECT * FROM pipes WHERE NOT deleted ORDER BY name, id").fetchall()
+            rows = connection.execute("SELECT * FROM pipes WHERE deleted = ? ORDER BY name, id", (deleted,)).fetchall()
         return [pipe_json(row) for row in rows]
 
-    def pipe(self, pipe_id: int) -> dict[str, Any]:
-        """One pipe. Raises NotFound."""
+    def pipe(self, pipe_id: int, deleted: bool = False) -> dict[str, Any]:
+        """One pipe; with ``deleted`` also one that was taken off the list. Raises NotFound."""
         with self._database.read() as connection:
-            row = connection.execute("SELECT * FROM pipes WHERE id = ? AND NOT deleted", (pipe_id,)).fetchone()
+            row = connection.execute("SELECT * FROM pipes WHERE id = ? AND deleted <= ?", (pipe_id, deleted)).fetchone()
         if row is None:
             raise NotFound(f"There is no pipe number {pipe_id}.")
         return pipe_json(row)
 
     def create_pipe(self, data: dict[str, Any]) -> dict[str, Any]:
         """A new pipe from the fields of _Pipe. Raises Invalid."""
-        pipe = checked(_Pipe, data)
+        pipe = _pipe(data)
         try:
             with self._database.write() as connection:
                 _refuse_taken(connection, pipe.name)
@@ -211,11 +211,10 @@ class Places:
                     if node.name not in nodes:
                         nodes[node.name] = connection.execute(
                             "INSERT INTO nodes (site_id, name, easting, northing, level) VALUES (?, ?, ?, ?, ?)",
-                            (_DEFAULT_SITE, checked(_Node, {"name": node.name}).name, node.easting, node.northing, node.level),
+                            (_DEFAULT_SITE, *_node(node.name, asdict(node)).model_dump().values()),
                         ).lastrowid
                         added["nodes"] += 1
-                fields = checked(
-                    _Pipe,
+                fields = _pipe(
                     {
                         "name": pipe.name,
                         "start_node": nodes[pipe.upstream.name],
@@ -224,7 +223,7 @@ class Places:
                         "shape": pipe.shape,
                         "reference_dn": pipe.dn_mm,
                         "length_m": pipe.length,
-                    },
+                    }
                 )
                 connection.execute(_INSERT_PIPE, fields.model_dump())
                 added["pipes"] += 1
@@ -234,7 +233,7 @@ class Places:
         """Change the fields in ``data``, keep the others. Raises NotFound, Invalid."""
         before = self.pipe(pipe_id)
         before.pop("id")
-        pipe = checked(_Pipe, {**before, **data})
+        pipe = _pipe({**before, **data})
         try:
             with self._database.write() as connection:
                 if pipe.name != before["name"]:
@@ -264,6 +263,20 @@ class Places:
                 _refuse_taken(connection, row["name"])
                 connection.execute("UPDATE pipes SET deleted = 0 WHERE id = ?", (pipe_id,))
         return self.pipe(pipe_id)
+
+
+def _node(called: str, data: dict[str, Any]) -> _Node:
+    node = checked(_Node, data)
+    if (node.easting is None) != (node.northing is None):
+        raise Invalid(f"The manhole {called.strip()} has half a place: easting and northing, both or neither.")
+    return node
+
+
+def _pipe(data: dict[str, Any]) -> _Pipe:
+    pipe = checked(_Pipe, data)
+    if pipe.start_node is not None and pipe.start_node == pipe.end_node:
+        raise Invalid(f"The pipe {pipe.name} would begin and end at the same manhole.")
+    return pipe
 
 
 def _refuse_taken(connection: sqlite3.Connection, name: str) -> None:

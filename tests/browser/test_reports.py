@@ -95,6 +95,18 @@ def test_a_deleted_report_comes_back(watch: Callable[..., Watched]) -> None:
     expect(page.get_by_role("heading", name="M3-0A-M3-0B")).to_be_visible()
 
 
+def test_a_report_outlives_its_pipe(watch: Callable[..., Watched]) -> None:
+    page = watch(1280, 800).open("/site")
+    page.get_by_role("button", name="Delete M3-0A-M3-0B").click()
+    page.locator("#delete-confirm").click()
+    expect(page.locator("#undo")).to_be_visible()
+    page.get_by_role("link", name="Reports", exact=True).first.click()
+    page.get_by_role("link", name=re.compile("M3-0A-M3-0B")).click()
+    with page.expect_download() as waiting:
+        page.get_by_role("link", name="Report (PDF)").click()
+    assert Path(waiting.value.path()).read_bytes().startswith(b"%PDF")
+
+
 def test_a_second_report_is_begun_and_compared(watch: Callable[..., Watched]) -> None:
     page = watch(1280, 800).open("/inspections")
     page.get_by_label("Operator").fill("Ann")

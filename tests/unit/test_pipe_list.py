@@ -77,3 +77,11 @@ def test_a_list_is_added_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(Invalid, match="convert the list first"):
         store.places.add_all(listed, 4326)
     store.close()
+
+
+def test_a_list_with_a_pipe_in_a_circle(tmp_path: Path) -> None:
+    store = Store(tmp_path, Clock())
+    with pytest.raises(Invalid, match="The pipe C-C would begin and end at the same manhole"):
+        store.places.add_all(read_pipe_list(b"name,upstream,downstream\nA-B,A,B\nC-C,C,C\n", "pipes.csv"), None)
+    assert store.places.nodes() == store.places.pipes() == [], "all of a list, or nothing"
+    store.close()

@@ -130,8 +130,27 @@ def test_two_pipes_cannot_share_a_name_but_a_deleted_one_frees_it(store: Store) 
 
 def test_a_pipe_joins_two_manholes(store: Store) -> None:
     node = store.places.create_node("S1")["id"]
-    with pytest.raises(Invalid, match="two manholes"):
+    with pytest.raises(Invalid, match="The pipe H1 would begin and end at the same manhole"):
         store.places.create_pipe({"name": "H1", "start_node": node, "end_node": node})
+
+
+def test_half_a_place_is_none(store: Store) -> None:
+    with pytest.raises(Invalid, match="half a place"):
+        store.places.create_node("S1", easting=565000.0)
+    node = store.places.create_node("S1", easting=565000.0, northing=5933000.0)
+    with pytest.raises(Invalid, match="half a place"):
+        store.places.update_node(node["id"], {"northing": None})
+
+
+def test_coordinates_are_not_given_another_meaning(store: Store) -> None:
+    store.places.update_site({"crs": 4326})
+    store.places.update_site({"crs": 25832})
+    node = store.places.create_node("S1", easting=565000.0, northing=5933000.0)
+    with pytest.raises(Invalid, match="EPSG:25832"):
+        store.places.update_site({"crs": 25833})
+    assert store.places.update_site({"name": "Hafencity"}) == {"id": 1, "name": "Hafencity", "crs": 25832}
+    store.places.update_node(node["id"], {"easting": None, "northing": None})
+    assert store.places.update_site({"crs": 25833})["crs"] == 25833
 
 
 def test_a_manhole_is_forgotten_only_where_nothing_refers_to_it(store: Store) -> None:

@@ -2,7 +2,7 @@
 
 import { ask } from "./api.js";
 import { byId, setData, setIcon, setText, svg, wake } from "./dom.js";
-import { readNumber } from "./numbers.js";
+import { wantNumber } from "./numbers.js";
 import { PicturePoller, viewState } from "./picture.js";
 import { PipeChooser } from "./pipes.js";
 import { Running } from "./running.js";
@@ -124,7 +124,7 @@ function onState(state) {
 
 const asked = () => ({
   pipe_id: chooser.chosen?.id ?? null,
-  chainage_m: readNumber(byId("chainage").value.replace(/\s*m\s*$/i, ""), "Camera stands at"),
+  chainage_m: wantNumber(byId("chainage").value.replace(/\s*m\s*$/i, ""), "Camera stands at"),
 });
 
 // --- wiring ---------------------------------------------------------------------------------------------------------------------

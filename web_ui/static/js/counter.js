@@ -2,7 +2,8 @@
 
 import { ask } from "./api.js";
 import { announce, byId, html, setText, showFailure, toast } from "./dom.js";
-import { metresText, readNumber } from "./drive_words.js";
+import { metresText } from "./drive_words.js";
+import { readNumber } from "./numbers.js";
 
 const FIRST = "First point: press, then drive the known length.";
 const SECOND = "First point is set. Drive the known length, type it, press End here.";

@@ -3,7 +3,8 @@
 import { ask } from "./api.js";
 import { Counter } from "./counter.js";
 import { announce, byId, data, html, setData, setIcon, setText, showFailure, toast, wake } from "./dom.js";
-import { HALF_HOURS, clockText, metresText, readNumber } from "./drive_words.js";
+import { HALF_HOURS, clockText, metresText } from "./drive_words.js";
+import { readNumber } from "./numbers.js";
 import { LandmarkViews } from "./landmark_views.js";
 import { PicturePoller, viewState } from "./picture.js";
 import { PipeChooser } from "./pipes.js";

@@ -71,12 +71,5 @@ export const seenText = ({ hits, misses }) => `${hits} ${hits === 1 ? "hit" : "h
 // One line for screen readers and titles.
 export const spoken = (view) => `${sentence(view.class)} at ${chainageText(view)}, ${view.clock === null ? "" : "clock "}${whereText(view)}, ${view.rejected ? "rejected" : view.status}`;
 
-// What the operator types: a comma counts as a point; nothing is null; NaN is a slip.
-export function readNumber(text) {
-  const plain = text.trim().replace(",", ".");
-  if (!plain) return null;
-  return /^[-+]?\d+(\.\d*)?$|^[-+]?\.\d+$/.test(plain) ? Number(plain) : NaN;
-}
-
 // The choices of a clock position, every half hour from 12.
 export const HALF_HOURS = Array.from({ length: 24 }, (_, half) => wrapHour(half / 2));

@@ -2,7 +2,8 @@
 
 import { ask } from "./api.js";
 import { announce, byId, html, setText, showFailure, toast } from "./dom.js";
-import { HALF_HOURS, NOTHING, chainageText, className, clockText, inNetwork, metresText, readNumber, seenText, sentence, shown, sigmaText, whereText } from "./drive_words.js";
+import { HALF_HOURS, NOTHING, chainageText, className, clockText, inNetwork, metresText, seenText, sentence, shown, sigmaText, whereText } from "./drive_words.js";
+import { readNumber } from "./numbers.js";
 import { recall, remember } from "./operator.js";
 
 const percent = (share) => (share > 0.995 && share < 1 ? "> 99 %" : share > 0 && share < 0.005 ? "< 1 %" : `${Math.round(share * 100)} %`);

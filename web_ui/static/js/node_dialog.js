@@ -3,19 +3,23 @@
 import { BoxError, ask } from "./api.js";
 import { byId, showFailure } from "./dom.js";
 import { IdentifierCheck } from "./identifier_check.js";
-import { readNumber } from "./numbers.js";
+import { wantNumber } from "./numbers.js";
 
 const PLACES = { easting: "Easting", northing: "Northing", level: "Level" };
 
 export class NodeDialog {
-  constructor(onChanged) {
+  // `confirm(title, text, action)` asks before `action` is done.
+  constructor(confirm, onChanged) {
     this.onChanged = onChanged;
     this.dialog = byId("node-dialog");
     this.form = byId("node-form");
     const { name } = this.form.elements;
     this.check = new IdentifierCheck({ fields: [name], asked: () => this.asked(), place: byId("node-check"), name });
     byId("node-cancel").addEventListener("click", () => this.dialog.close());
-    byId("node-delete").addEventListener("click", () => this.does(() => ask(`/nodes/${this.editing.id}`, { method: "DELETE" })));
+    byId("node-delete").addEventListener("click", () => {
+      const { id, name } = this.editing;
+      confirm(`Delete the manhole ${name}?`, "Its coordinates go with it.", () => this.does(() => ask(`/nodes/${id}`, { method: "DELETE" })));
+    });
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
       this.does(() => this.save());
@@ -47,7 +51,7 @@ export class NodeDialog {
     const fields = this.form.elements;
     const body = { name: fields.name.value.trim() };
     if (!body.name) throw new BoxError("Name the manhole.");
-    for (const [place, word] of Object.entries(PLACES)) body[place] = readNumber(fields[place].value, word);
+    for (const [place, word] of Object.entries(PLACES)) body[place] = wantNumber(fields[place].value, word);
     if ((body.easting === null) !== (body.northing === null)) throw new BoxError("Easting and northing: both, or neither.");
     await (this.editing ? ask(`/nodes/${this.editing.id}`, { method: "PATCH", body }) : ask("/nodes", { method: "POST", body }));
   }

@@ -3,7 +3,7 @@
 import { BoxError, ask } from "./api.js";
 import { byId, html, showFailure } from "./dom.js";
 import { IdentifierCheck } from "./identifier_check.js";
-import { readNumber } from "./numbers.js";
+import { wantNumber } from "./numbers.js";
 
 // Digits only, so that a slip such as "4oo" is told and not cut to 4.
 function readDn(text) {
@@ -80,14 +80,14 @@ export class PipeDialog {
     try {
       const described = {
         reference_dn: readDn(fields.reference_dn.value),
-        length_m: readNumber(fields.length_m.value, "Length"),
+        length_m: wantNumber(fields.length_m.value, "Length"),
         material: fields.material.value,
         shape: fields.shape.value,
         note: fields.note.value,
       };
       // Judged before the manholes are made, so that a pipe that is refused leaves none behind.
       const judged = await ask(this.asked() ?? "/pipes/check");
-      if (judged.error && judged.name !== this.editing?.name) throw new BoxError(judged.error);
+      if (judged.error) throw new BoxError(judged.error);
       const body = {
         ...described,
         name: judged.name,

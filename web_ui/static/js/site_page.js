@@ -12,7 +12,17 @@ const { pipes, nodes } = data("pipes-data");
 const again = () => location.assign("/site");
 byId("plan-none").hidden = drawPlan(byId("plan"), nodes, pipes);
 
-const nodeDialog = new NodeDialog(again);
+function confirm(title, text, action) {
+  byId("delete-dialog-title").textContent = title;
+  byId("delete-text").textContent = text;
+  byId("delete-confirm").onclick = () => {
+    byId("delete-dialog").close();
+    action();
+  };
+  byId("delete-dialog").showModal();
+}
+
+const nodeDialog = new NodeDialog(confirm, again);
 byId("node-new").addEventListener("click", () => nodeDialog.open(null));
 for (const button of document.querySelectorAll("[data-node]")) {
   button.addEventListener("click", () => nodeDialog.open(nodes.find((node) => node.id === Number(button.dataset.node))));
@@ -33,28 +43,25 @@ async function does(what) {
   }
 }
 
-const asked = byId("delete-dialog");
 for (const button of document.querySelectorAll("[data-delete-pipe]")) {
   button.addEventListener("click", () => {
     const pipe = pipes.find((one) => one.id === Number(button.dataset.deletePipe));
-    byId("delete-dialog-title").textContent = `Delete the pipe ${pipe.name}?`;
-    byId("delete-confirm").onclick = () => {
-      asked.close();
+    confirm(`Delete the pipe ${pipe.name}?`, "It leaves the list; its surveys and reports stay. You can undo this.", () =>
       does(async () => {
         await ask(`/pipes/${pipe.id}`, { method: "DELETE" });
         location.assign(`/site?deleted=${pipe.id}`);
-      });
-    };
-    asked.showModal();
+      }),
+    );
   });
 }
-const undo = byId("undo");
-undo?.querySelector("button").addEventListener("click", () =>
-  does(async () => {
-    await ask(`/pipes/${undo.dataset.pipe}/restore`, { method: "POST" });
-    again();
-  }),
-);
+for (const button of document.querySelectorAll("[data-restore-pipe]")) {
+  button.addEventListener("click", () =>
+    does(async () => {
+      await ask(`/pipes/${button.dataset.restorePipe}/restore`, { method: "POST" });
+      again();
+    }),
+  );
+}
 
 function readEpsg(text) {
   const typed = text.trim().replace(/^EPSG:/i, "");

@@ -42,7 +42,9 @@ export function drawPlan(plan, nodes, pipes) {
   }
   for (const node of shown) {
     const [cx, cy] = at(node);
-    parts.push(svg("circle", { cx, cy, r: 7 }), svg("text", { x: cx + 11, y: cy + 18 }, [node.name]));
+    const right = cx > width / 2; // names go inwards, where there is room for them
+    const name = svg("text", { x: right ? cx - 11 : cx + 11, y: cy + 18, "text-anchor": right ? "end" : "start" }, [node.name]);
+    parts.push(svg("circle", { cx, cy, r: 7 }), name);
   }
   const bar = barOf((width - 2 * MARGIN) / 3 / scale);
   parts.push(svg("line", { class: "scale", x1: 12, y1: height - 10, x2: 12 + bar * scale, y2: height - 10 }));
