@@ -115,6 +115,8 @@ class _Export:
             "principal_px": [lens["ppx"], lens["ppy"]],
             "baseline_mm": 1000 * told["baseline_m"],
             "disparity_offset_px": told["offset_px"],
+            "disparity_offset_std_px": told["offset_std_px"],
+            "scale_std": told["scale_std"],
         }
         self.counts["stereo pairs"] += 1
 

@@ -2,9 +2,9 @@
 
 The manifest is a JSON object: ``width``, ``height`` (px), ``focal_px``, ``baseline_mm`` and ``pairs``, a list of
 ``{"left", "right"}`` with paths under the folder. ``principal_px`` [x, y] where it is not the middle, ``disparity_offset_px``
-where it is known, and ``pipe`` and ``end`` of a pair are read where they are there. With ``"rectified": false`` the pictures
-are as two lenses threw them: focal length and baseline are not asked for, and a calibration of those lenses must be given.
-Nothing else is read.
+where it is known (with ``disparity_offset_std_px`` and ``scale_std``, how well), and ``pipe`` and ``end`` of a pair are read
+where they are there. With ``"rectified": false`` the pictures are as two lenses threw them: focal length and baseline are not
+asked for, and a calibration of those lenses must be given. Nothing else is read.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ class PairFolder:
     offset_px: float | None
     pairs: tuple[PairEntry, ...]
     rectifier: Rectifier | None = None
+    offset_std_px: float = 0.0
+    scale_std: float = 0.0
 
 
 def pair_folder(folder: Path, calibrated: Calibrated | None = None) -> PairFolder:
@@ -82,7 +84,9 @@ def pair_folder(folder: Path, calibrated: Calibrated | None = None) -> PairFolde
     if offset is not None and not _is_number(offset):
         raise RecordingBroken(f"{path} has a disparity_offset_px that is not a number.")
     intrinsics = Intrinsics(width, height, focal, focal, float(centre[0]), float(centre[1]))
-    return PairFolder(folder, intrinsics, baseline, None if offset is None else float(offset), entries)
+    offset_std, scale_std = (_std(found, field, path) for field in ("disparity_offset_std_px", "scale_std"))
+    known = None if offset is None else float(offset)
+    return PairFolder(folder, intrinsics, baseline, known, entries, None, offset_std, scale_std)
 
 
 def read_pair(folder: PairFolder, entry: PairEntry, number: int = 0) -> StereoFrame:
@@ -97,7 +101,16 @@ def read_pair(folder: PairFolder, entry: PairEntry, number: int = 0) -> StereoFr
     if folder.rectifier is not None:
         return folder.rectifier.frame(left, right, time.monotonic_ns(), number, entry.left)
     return StereoFrame(
-        left, right, folder.intrinsics, folder.baseline_m, folder.offset_px, time.monotonic_ns(), number, source=entry.left
+        left,
+        right,
+        folder.intrinsics,
+        folder.baseline_m,
+        folder.offset_px,
+        time.monotonic_ns(),
+        number,
+        source=entry.left,
+        offset_std_px=folder.offset_std_px,
+        scale_std=folder.scale_std,
     )
 
 
@@ -200,6 +213,13 @@ def _is_number(value: Any) -> bool:
 def _number(found: Mapping[str, Any], field: str, path: Path) -> float:
     value = found.get(field)
     if not _is_number(value) or not 0 < float(str(value)) < 1e6:
+        raise RecordingBroken(f"{path} has no sound {field}: {value}.")
+    return float(str(value))
+
+
+def _std(found: Mapping[str, Any], field: str, path: Path) -> float:
+    value = found.get(field, 0.0)
+    if not _is_number(value) or float(str(value)) < 0:
         raise RecordingBroken(f"{path} has no sound {field}: {value}.")
     return float(str(value))
 

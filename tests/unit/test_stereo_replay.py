@@ -41,8 +41,11 @@ def test_a_pair_is_read_with_its_rig(tmp_path: Path) -> None:
 
 
 def test_what_the_manifest_knows_more_is_used(tmp_path: Path) -> None:
-    folder = pair_folder(write(tmp_path, MANIFEST | {"principal_px": [12, 8.5], "disparity_offset_px": 3}))
+    known = {"disparity_offset_px": 3, "disparity_offset_std_px": 0.2, "scale_std": 0.004}
+    folder = pair_folder(write(tmp_path, MANIFEST | {"principal_px": [12, 8.5]} | known))
     assert (folder.intrinsics.ppx, folder.intrinsics.ppy, folder.offset_px) == (12.0, 8.5, 3.0)
+    frame = read_pair(folder, folder.pairs[0])
+    assert (frame.offset_px, frame.offset_std_px, frame.scale_std) == (3.0, 0.2, 0.004)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +63,7 @@ def test_what_the_manifest_knows_more_is_used(tmp_path: Path) -> None:
         ({"baseline_mm": "29"}, "no sound baseline_mm"),
         ({"principal_px": [1]}, "principal_px"),
         ({"disparity_offset_px": "x"}, "disparity_offset_px"),
+        ({"disparity_offset_px": 3, "scale_std": -1}, "no sound scale_std"),
     ],
 )
 def test_a_broken_manifest_is_refused_in_one_sentence(tmp_path: Path, change: dict[str, Any], says: str) -> None:
