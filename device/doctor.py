@@ -20,6 +20,7 @@ from device.config import Settings, StereoSettings, load_settings
 from device.daemon import program_version
 from device.errors import DeviceError
 from device.json_text import dumps
+from drivers.grabber.v4l2 import device_path
 
 _REQUIRED = ("numpy", "scipy", "opencv-python-headless", "flask", "waitress", "pydantic", "click", "mcap")
 _CAMERAS = {"pyrealsense2": ("RealSense cameras", "realsense"), "depthai": ("OAK cameras", "oak")}
@@ -116,7 +117,11 @@ def _stereo(settings: StereoSettings) -> list[Finding]:
         eye = make_stereo(settings, 0, lambda: None)
     except DeviceError as error:
         return [Finding(what, "fault", str(error), "mend the table [stereo] of the settings, or its calibration")]
-    gone = [device for device in (settings.left, settings.right) if settings.driver == "pair" and not Path(device).exists()]
+    gone = [
+        device
+        for device in (settings.left, settings.right)
+        if settings.driver == "pair" and not Path(device_path(device)).exists()
+    ]
     if gone:
         return [Finding(what, "fault", f"{' and '.join(gone)} not there", "plug both cameras in, always into the same ports")]
     calibrated = "calibrated" if eye is not None and eye.source.calibration is not None else "as its maker calibrated it"

@@ -1,4 +1,4 @@
-"""The calibration file of a stereo rig: what a known pipe, or a chessboard, told of it. JSON, read and written here alone."""
+"""The calibration file of a stereo rig: what a known pipe, or a board, told of it. JSON, read and written here alone."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def _arguments(settings: StereoSettings, source: RigSource, seed: int) -> dict[s
             raise Invalid("Say with left and right in [stereo] which two cameras are the pair.")
         if not lenses:
             raise Invalid("Two plain cameras need a calibration by a board: see borescout calibrate stereo --board.")
-        return {"left": settings.left, "right": settings.right, "calibrated": source.lenses, **settings.options}
+        return {**settings.options, "left": settings.left, "right": settings.right, "calibrated": source.lenses}
     if kind in ("realsense", "oak"):
         return dict(settings.options)
     dwell = max(1, round(settings.hold_s * settings.rate_hz))

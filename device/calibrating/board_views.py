@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from device.errors import Invalid
 from device.surveys.anomaly_result import grey
-from drivers.base import FrameTimeout
+from drivers.base import BadFrame, FrameTimeout, SensorLost
 from drivers.stereo.replay import MANIFEST
 from drivers.stereo.two_cameras import GrabberPair
 from estimators.board.board import Board, Sighting, as_seen_by_both
@@ -51,6 +51,8 @@ class Kept:
     def save(self, left: Picture, right: Picture) -> None:
         """Both pictures and the manifest with them. Raises Invalid."""
         pair = {side: f"{len(self.names) + 1:03d}_{side[0].upper()}.png" for side in ("left", "right")}
+        if not self.names and (self.folder / MANIFEST).exists():
+            raise Invalid(f"{self.folder} holds views already: choose another --keep.")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             for side, picture in (("left", left), ("right", right)):
@@ -141,6 +143,13 @@ def from_cameras(board: Board, cameras: GrabberPair, keep: Kept | None) -> Found
                 if time.monotonic() - heard > _SILENCE_S:
                     raise Invalid(str(error)) from None
                 continue
+            except BadFrame:
+                continue  # the next one is whole
+            except SensorLost as error:
+                if gathering is None:
+                    raise
+                _say(f"{error} What was shown until now is calibrated with.")
+                break
             heard = time.monotonic()
             if left.shape != right.shape:
                 sizes = _sizes({(one.shape[1], one.shape[0]) for one in (left, right)})

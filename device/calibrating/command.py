@@ -75,7 +75,10 @@ def stereo(
     if pairs is not None:
         found = from_folder(board, pairs)
     else:
-        grabbers = (V4l2Grabber(str(device), _counts(size), codec=codec) for device in (left, right))
+        try:
+            grabbers = [V4l2Grabber(str(device), _counts(size), codec=codec) for device in (left, right)]
+        except ValueError as error:
+            raise Invalid(f"The cameras cannot be asked for that: {error}.") from None
         found = from_cameras(board, GrabberPair(*grabbers), None if keep is None else Kept(keep))
     _by_board(board, found, out)
     return 0

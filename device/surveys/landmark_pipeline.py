@@ -129,6 +129,7 @@ class LandmarkPipeline:
         self._looking = Looking(setup.centre, setup.known_rings, seed, setup.sparse, aspect)
         self._mapper: Mapper | None = None
         self._refined: Refined | None = None
+        self._closed = False
         self._camera: PipeCamera | None = None
         self._mapped = 0
         """How many of ``_seen`` the mapper has had: none before f * R is known."""
@@ -216,13 +217,19 @@ class LandmarkPipeline:
         ]
         return Scene(self._camera, step.view, marks, step.look.ellipses)
 
+    def close(self) -> None:
+        """No more pictures come: what was only suspected is dropped. Quick, and whoever else looks at the map has to wait."""
+        if not self._closed and self._mapper is not None:
+            self._mapper.finish()
+        self._closed = True
+
     def finish(self) -> None:
-        """The drive is over: what was only suspected is dropped, and every landmark looked for once more in all pictures. Those
-        that go on keep their ids; the mapper's doubles are gone."""
+        """The drive is over: after ``close`` every landmark is looked for once more in all pictures. Those that go on keep
+        their ids; the mapper's doubles are gone. The map can be read meanwhile."""
+        self.close()
         self._looking.solve(last=True)
         if self._mapper is None or self._refined is not None:
             return
-        self._mapper.finish()
         found = self._mapper.landmarks(with_sightings=True)
         if found:
             seen = self._seen[:: math.ceil(len(self._seen) / MOST_REFINED)]

@@ -494,6 +494,8 @@ class LandmarkSurvey:
 
     def _finish(self, drive: _Drive) -> DriveFindings | None:
         """What the filter has found is made durable first; smoothing can then only add."""
+        with self._lock:  # the page goes on asking for what the mapper now drops
+            drive.pipeline.close()
         drive.pipeline.finish()
         self._keep(drive)
         self._tell(drive)

@@ -71,6 +71,11 @@ class FrameCount:
         return max(1, round(step / usual))
 
 
+def device_path(device: str | int) -> str:
+    """The path of a V4L2 device that is named by its path or its number."""
+    return f"/dev/video{device}" if isinstance(device, int) or device.isdigit() else device
+
+
 class V4l2Grabber(LiveGrabber):
     """A V4L2 device such as /dev/video0.
 
@@ -88,7 +93,7 @@ class V4l2Grabber(LiveGrabber):
         standard: Standard | None = None,
         codec: str | None = None,
     ) -> None:
-        self._device = f"/dev/video{device}" if isinstance(device, int) or device.isdigit() else device
+        self._device = device_path(device)
         if standard is not None and standard not in STANDARDS:
             raise ValueError(f"the standard is PAL or NTSC, got {standard}")
         if codec is not None and len(codec) != 4:

@@ -22,8 +22,9 @@ def oak(**settings: Any) -> StereoCamera:
     return LivePair(depthai_rs, PairSettings(**{"height": 800, **settings}))  # the whole of its sensors
 
 
-def two_cameras(*, left: str, right: str, calibrated: Any, fps: float | None = None, codec: str | None = None) -> StereoCamera:
-    """Two V4L2 devices side by side; ``calibrated`` is a ``drivers.stereo.rectifier.Calibrated``."""
+def two_cameras(*, left: str, right: str, calibrated: Any, fps: float = 6.0, codec: str | None = None) -> StereoCamera:
+    """Two V4L2 devices side by side; ``calibrated`` is a ``drivers.stereo.rectifier.Calibrated``;
+    ``fps`` is no more than a scan needs, for each pair is rectified."""
     from drivers.grabber.v4l2 import V4l2Grabber
     from drivers.stereo.two_cameras import GrabberPair, TwoCameras
 

@@ -61,6 +61,12 @@ class View:
         ids, left, right = np.intersect1d(self.left.ids, self.right.ids, return_indices=True)
         return ids, self.left.pixels[left], self.right.pixels[right]
 
+    def shows_enough(self, board: Board) -> bool:
+        """Whether both cameras see enough corners, and not all of them on one line: that tells nothing of a lens."""
+        ids = self.common[0]
+        rows, columns = np.divmod(ids, board.columns - 1)
+        return len(ids) >= LEAST_CORNERS and min(len(np.unique(rows)), len(np.unique(columns))) >= 2
+
 
 @dataclass(frozen=True)
 class PairCalibration:
@@ -120,7 +126,7 @@ def calibrate_pair(board: Board, views: Sequence[View], size: tuple[int, int]) -
 
 def _usable(board: Board, views: Sequence[View], size: tuple[int, int]) -> list[View]:
     """The views that can be used. Raises NotEnough where they are too few, or do not cover enough."""
-    few = [view.name for view in views if len(view.common[0]) < LEAST_CORNERS]
+    few = [view.name for view in views if not view.shows_enough(board)]
     blurred = [view.name for view in views if view.name not in few and too_blurred(view, size)]
     usable = [view for view in views if view.name not in few and view.name not in blurred]
     try:
@@ -128,7 +134,7 @@ def _usable(board: Board, views: Sequence[View], size: tuple[int, int]) -> list[
     except NotEnough as error:
         told = []
         if few:
-            told.append(f"both cameras must see {LEAST_CORNERS} corners, which is not so in {_some(few)}")
+            told.append(f"both cameras must see {LEAST_CORNERS} corners in two rows or more, which is not so in {_some(few)}")
         if blurred:
             told.append(f"blurred are {_some(blurred)}: hold the board still, and focus")
         raise NotEnough(" ".join([str(error), *(f"{one[0].upper()}{one[1:]}." for one in told)])) from None

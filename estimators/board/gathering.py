@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.board.board import Board, Sighting
-from estimators.board.calibration import LEAST_CORNERS, LEAST_COVERED, LEAST_TILTS, LEAST_VIEWS, View, too_blurred
+from estimators.board.calibration import LEAST_COVERED, LEAST_TILTS, LEAST_VIEWS, View, too_blurred
 from estimators.board.coverage import Coverage, coverage
 
 WANTED_VIEWS = LEAST_VIEWS + 6
@@ -32,7 +32,7 @@ class Gathering:
             where = "either picture" if left is None and right is None else f"the {'left' if left is None else 'right'} picture"
             return f"no board in {where}"
         view = View(name, left, right)
-        if len(view.common[0]) < LEAST_CORNERS:
+        if not view.shows_enough(self._board):
             return "too little of the board is in both pictures"
         if too_blurred(view, self._size):
             return "blurred: hold it still, or focus"

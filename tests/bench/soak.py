@@ -130,7 +130,7 @@ class Soak:
     def _survey(self) -> None:
         try:
             self._survey_on()
-        except (RuntimeError, OSError) as error:
+        except (AssertionError, RuntimeError, OSError) as error:
             self._stopped = str(error)
 
     def _survey_on(self) -> None:

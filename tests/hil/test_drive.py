@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 
 from device.errors import Busy, Invalid, NotFound
+from device.surveys.landmark_pipeline import LandmarkPipeline
 from estimators.landmarks.projection import clock_hour
 from tests.hil.crawler_rig import Bench, Thing
 
@@ -148,6 +150,27 @@ def test_stream_and_encoder_die_and_return_and_nothing_is_lost_or_doubled(bench:
     for fault in ("grabber_lost", "grabber_back", "encoder_lost", "encoder_back", "encoder_jump"):
         assert what.count(fault) == 1, (fault, found["faults"])
     assert all(fault["text"].endswith(".") for fault in found["faults"])
+
+
+def test_the_page_waits_while_the_map_is_closed(bench: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Suspicions are dropped at the end of a drive; whoever counted them meanwhile would run out of the list."""
+    box = parked(bench, period_s=0.02)
+    waited: list[bool] = []
+    close = LandmarkPipeline.close
+
+    def looked_at(pipeline: LandmarkPipeline) -> None:
+        asking = threading.Thread(target=box.device.drive, daemon=True)
+        asking.start()
+        asking.join(0.3)
+        waited.append(asking.is_alive())
+        close(pipeline)
+
+    monkeypatch.setattr(LandmarkPipeline, "close", looked_at)
+    survey_id = box.device.start_drive()["survey_id"]
+    box.moving = True
+    box.drive_to(1.0)
+    end(box, survey_id)
+    assert waited[0]
 
 
 def test_marking_by_hand_and_what_is_said_of_a_landmark(bench: Open) -> None:

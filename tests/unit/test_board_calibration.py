@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image
 
 from device.anomaly.calibration import BoardCalibration, KnownPipeCalibration, load_calibration, save_calibration
@@ -20,8 +21,9 @@ from device.calibrating.board_paper import write_board
 from device.calibrating.board_views import Found, Kept, from_cameras, from_folder, pairs_of
 from device.calibrating.command import _by_board
 from device.calibrating.known_pipe import by_known_pipe
+from device.cli import cli
 from device.errors import Invalid
-from drivers.base import FrameTimeout, SensorMissing
+from drivers.base import FrameTimeout, SensorLost, SensorMissing
 from drivers.grabber.base import VideoFrame
 from drivers.stereo.replay import pair_folder
 from estimators.board.board import Board, Sighting, as_seen_by_both, edge_blur
@@ -83,6 +85,19 @@ def test_views_that_are_not_enough_are_refused_with_the_reason(views: list[View]
     with pytest.raises(NotEnough, match=says) as caught:
         calibrate_pair(BOARD, views, SIZE)
     assert "?" in str(caught.value) or str(caught.value).endswith(".")
+
+
+def test_a_view_of_one_row_of_corners_tells_nothing_and_is_left_out() -> None:
+    views = seen(20)
+    row = np.arange(BOARD.columns - 1)
+    one_row = replace(
+        views[0],
+        left=replace(views[0].left, ids=row, pixels=views[0].left.pixels[: len(row)]),
+        right=replace(views[0].right, ids=row, pixels=views[0].right.pixels[: len(row)]),
+    )
+    assert not one_row.shows_enough(BOARD)
+    assert calibrate_pair(BOARD, [*views, replace(one_row, name="row")], SIZE).views == calibrate_pair(BOARD, views, SIZE).views
+    assert Gathering(BOARD, SIZE).take("row", one_row.left, one_row.right) == "too little of the board is in both pictures"
 
 
 def shown(places: list[Place]) -> list[View]:
@@ -366,6 +381,22 @@ def test_ctrl_c_ends_it_with_what_there_is(monkeypatch: pytest.MonkeyPatch) -> N
     assert hands.closed
     with pytest.raises(NotEnough, match="usable views"):
         calibrate_pair(BOARD, found.views, found.size)
+
+
+def test_a_camera_that_goes_away_loses_nothing_of_what_was_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hands = Hands(seen(4), monkeypatch, ends=SensorLost)
+    assert 2 <= len(from_cameras(BOARD, hands, None).views) <= 4  # type: ignore[arg-type]
+    assert "is calibrated with" in capsys.readouterr().err
+    assert hands.closed
+
+
+def test_a_codec_of_two_letters_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    given = ["calibrate", "stereo", "--board", "charuco", "--left", "0", "--right", "1", "--codec", "MJ"]
+    said = CliRunner().invoke(cli, [*given, "--out", str(tmp_path / "c.json")])
+    assert isinstance(said.exception, Invalid)
+    assert "a codec has four letters" in str(said.exception)
 
 
 def test_a_camera_that_is_not_there_is_told() -> None:
