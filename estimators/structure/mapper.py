@@ -51,12 +51,14 @@ class MapperSettings:
     same_view: float = 0.22
     step_s: float = 0.2
     lost_after: int = 5
-    doubt_after: Mapping[str, int] = field(default_factory=lambda: {"depth": 8, "velocity": 3, "attitude": 20})
+    doubt_after: Mapping[str, int] = field(default_factory=lambda: {"depth": 8, "velocity": 5, "attitude": 20})
 
 
 _DOUBT = {"depth": (slice(2, 3), 0.2), "attitude": (slice(3, 6), 0.05)}
 """Of what a sensor tells: where it stands in the state, and by how much (m, rad) it is doubted."""
 _DOUBT_VELOCITY = 0.2
+_DVL_GAP_S = 0.5
+"""Readings of the DVL that are further apart than this have an outage between them."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,8 @@ class StructureMapper:
         self._strange = 0
         self._refused_in_a_row = dict.fromkeys(self.settings.doubt_after, 0)
         self._known_s = time_s  # when a velocity was last taken, or a scan showed what was known
+        self._heard_s = time_s  # when the DVL was last heard
+        self._contradicted_s = time_s  # since when it has contradicted the filter
         self._leg_s = time_s
         self._between = Between(self.slam.vehicle, mount, self.settings.slam)
         self._begin = self.slam.covariance.copy()
@@ -139,8 +143,12 @@ class StructureMapper:
     def velocity(self, time_s: float, velocity: Array, sigma: float) -> None:
         """A DVL's velocity (3,) along the body's axes."""
         self.advance(time_s)
+        if not self._refused_in_a_row["velocity"]:
+            self._contradicted_s = max(self._heard_s, self._time_s - _DVL_GAP_S)
+        self._heard_s = self._time_s
+        change = velocity - self.slam.vehicle[6:9]
         fits = self.slam.velocity(velocity, sigma)
-        self._judge("velocity", fits)
+        self._judge("velocity", fits, change)
         if fits:
             self._known_s = self._time_s
             self._between.velocity(velocity, sigma)
@@ -154,15 +162,16 @@ class StructureMapper:
             self._between.attitude(angles, sigma)
         self._rates = np.zeros(3) if rates is None else rates
 
-    def _judge(self, what: str, fits: bool) -> None:
+    def _judge(self, what: str, fits: bool, change: Array | None = None) -> None:
         """Count what was left out. A vehicle that starts or stops at once contradicts the filter until it doubts itself."""
         self.refused += not fits
         self._refused_in_a_row[what] = 0 if fits else self._refused_in_a_row[what] + 1
         if self._refused_in_a_row[what] >= self.settings.doubt_after[what]:
             self._refused_in_a_row[what] = 0
-            if what == "velocity":
-                self.slam.doubt_velocity(_DOUBT_VELOCITY, self._time_s - self._known_s)
-                self._between.doubt_velocity(_DOUBT_VELOCITY, self._time_s - max(self._known_s, self._leg_s))
+            if change is not None:
+                for filtered, known_s in ((self.slam, self._known_s), (self._between, max(self._known_s, self._leg_s))):
+                    since = self._time_s - max(known_s, self._contradicted_s)
+                    filtered.doubt_velocity(_DOUBT_VELOCITY, since, (self._time_s - known_s - since) * change)
             else:
                 self.slam.doubt(*_DOUBT[what])
                 self._between.doubt(*_DOUBT[what])

@@ -117,16 +117,20 @@ class StructureFilter:
         """Be less sure of a part of the vehicle's state: what contradicts it again and again may be right."""
         self.covariance[rows, rows] += np.eye(rows.stop - rows.start) * sigma**2
 
-    def doubt_velocity(self, sigma: float, since_s: float) -> None:
-        """The same of the velocity, which has been another one for up to ``since_s``: the position has gone wrong with it.
+    def doubt_velocity(self, sigma: float, since_s: float, unheard: Array) -> None:
+        """The same of the velocity, which has been another one for ``since_s``: the position has gone wrong with it.
 
-        The next velocity that is taken moves the position too, as if the change had come at once or grown evenly.
+        The next velocity that is taken moves the position too, as if the change had come at once or grown evenly. ``unheard``
+        (3,): the way (m, along the body) if it came as early as in an outage before; nothing tells when, so that this way moves
+        nothing and is added to the doubt.
         """
         by_change = np.zeros((SIZE, 3))
         by_change[:3] = 0.75 * since_s * rotation_of(self.vehicle[3:6])
         by_change[6:9] = np.eye(3)
         self.covariance[:SIZE, :SIZE] += by_change @ by_change.T * sigma**2
         self.covariance[:3, :3] += np.eye(3) * (sigma * since_s) ** 2 / 12
+        missed = rotation_of(self.vehicle[3:6]) @ unheard
+        self.covariance[:3, :3] += np.outer(missed, missed) / 3
 
     # ---- features
 

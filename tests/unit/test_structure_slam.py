@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -216,15 +216,19 @@ def test_a_dropped_feature_leaves_the_others_in_place() -> None:
     np.testing.assert_array_equal(slam.covariance[at : at + 3, at : at + 3], before)
 
 
-@pytest.mark.parametrize("sudden", [True, False])
-def test_a_vehicle_that_starts_at_once_is_where_its_velocity_took_it(sudden: bool) -> None:
-    """The first readings of a new speed look like outliers; when they are believed, the way since then is made good."""
+def navigator() -> StructureMapper:
+    """A mapper that sees nothing and looks east."""
     knowledge = Knowledge(
         Views(np.zeros((0, 308)), np.zeros(0, dtype=np.intp), np.zeros((0, 3))), *np.full((2, 6, 6), 1 / 6), np.ones((6, 3))
     )
-    mapper = StructureMapper(
-        0.0, np.zeros(3), np.array([0, 0, np.pi / 2]), SensorMount(np.eye(3), np.zeros(3)), knowledge, np.random.default_rng(0)
-    )
+    mount = SensorMount(np.eye(3), np.zeros(3))
+    return StructureMapper(0.0, np.zeros(3), np.array([0, 0, np.pi / 2]), mount, knowledge, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("sudden", [True, False])
+def test_a_vehicle_that_starts_at_once_is_where_its_velocity_took_it(sudden: bool) -> None:
+    """The first readings of a new speed look like outliers; when they are believed, the way since then is made good."""
+    mapper = navigator()
     times = np.arange(0.0, 6.0, 0.2)
     speeds = np.where(times < 2.0, 0.0, 0.3) if sudden else np.clip(0.4 * (times - 2.0), 0.0, 0.3)
     way = 0.0
@@ -232,11 +236,40 @@ def test_a_vehicle_that_starts_at_once_is_where_its_velocity_took_it(sudden: boo
         way += 0.2 * (before + speed) / 2 if time_s else 0.0
         mapper.attitude(float(time_s), np.array([0, 0, np.pi / 2]), np.zeros(3), 0.005)
         mapper.velocity(float(time_s), np.array([speed, 0.0, 0.0]), 0.01)
-    assert mapper.refused >= 3
+    assert mapper.refused >= 5
     away = mapper.slam.vehicle[:3] - np.array([0.0, way, 0.0])  # it looks east
-    # believed after 0.8 s: a change at once has lost 0.8 s of it, one that grows evenly half of that; in between is taken
-    assert np.linalg.norm(away) < 0.3 * (0.8 / 4 + 0.2 / 4)
+    # believed after 1.2 s: a change at once has lost 1.2 s of it, one that grows evenly half of that; in between is taken
+    assert np.linalg.norm(away) < 0.3 * (1.2 / 4 + 0.2 / 4)
     assert away @ np.linalg.solve(mapper.slam.covariance[:3, :3], away) < gate(3)
+
+
+def driven(mapper: StructureMapper, readings: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Where (m, forwards) readings of (time, speed) take a mapper, and how sure it is."""
+    for time_s, speed in readings:
+        mapper.attitude(time_s, np.array([0, 0, np.pi / 2]), np.zeros(3), 0.005)
+        mapper.velocity(time_s, np.array([speed, 0.0, 0.0]), 0.01)
+    return float(mapper.slam.vehicle[1]), float(np.sqrt(mapper.slam.covariance[1, 1]))
+
+
+def every(begin: float, end: float, speed: float) -> list[tuple[float, float]]:
+    return [(float(time_s), speed) for time_s in np.arange(begin, end - 1e-9, 0.2)]
+
+
+@pytest.mark.parametrize("outage_s", [0.0, 10.0])
+@pytest.mark.parametrize("bursts", [1, 3, 4])
+def test_a_short_burst_of_the_dvl_moves_nothing(outage_s: float, bursts: int) -> None:
+    at = 2.0 + outage_s
+    wrong = every(at, at + 0.2 * bursts, 0.6)
+    way, _ = driven(navigator(), [*every(0.0, 2.0, 0.0), *wrong, *every(at + 0.2 * bursts, at + 4.0, 0.0)])
+    assert abs(way) < 0.01
+
+
+@pytest.mark.parametrize("begun_s", [0.0, 5.0, 10.0])
+def test_a_start_during_an_outage_is_in_doubt_by_as_much_as_it_may_have_missed(begun_s: float) -> None:
+    """Nothing tells when in the outage the vehicle set off."""
+    way, sure = driven(navigator(), [*every(0.0, 2.0, 0.0), *every(12.0, 16.0, 0.3)])
+    truth = 0.3 * (16.0 - 0.2 - (2.0 + begun_s))
+    assert abs(way - truth) < 2.8 * sure
 
 
 def test_one_outlier_moves_nothing() -> None:
