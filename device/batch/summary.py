@@ -50,6 +50,7 @@ def write_summary(out: Path, jobs: list[Job], rows: list[Row]) -> None:
             ("clock", pa.float64()),
             ("clock_to", pa.float64()),
             ("sigma_chainage_m", pa.float64()),
+            ("sigma_chainage_to_m", pa.float64()),
             ("hits", pa.int64()),
             ("geometry", pa.binary()),
         ],

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -343,6 +343,13 @@ def _scan(sheet: AnomalySheet, inspection: Inspection, options: Options, words: 
     return [_paragraph(facts), pictures, _paragraph(words["wall_key"], _SMALL)]
 
 
+def _uncertainty(landmark: Mapping[str, Any]) -> str:
+    """Twice the sigma of that end of a landmark which is known less well."""
+    sigmas = [landmark.get(f"sigma_chainage{end}_m") for end in ("", "_to")]
+    known = [float(sigma) for sigma in sigmas if sigma is not None]
+    return f"± {2 * max(known):.2f} m" if known else "-"
+
+
 def _landmarks(inspection: Inspection, options: Options, words: dict[str, str]) -> list[Flowable]:
     if not inspection.landmarks:
         return []
@@ -352,7 +359,7 @@ def _landmarks(inspection: Inspection, options: Options, words: dict[str, str]) 
             _station(float(one["chainage_m"]), options),
             str(one["class"]),
             _hour(one.get("clock")),
-            "-" if one.get("sigma_chainage_m") is None else f"± {2 * float(one['sigma_chainage_m']):.2f} m",
+            _uncertainty(one),
             str(one.get("decision") or one.get("status") or ""),
         )
         for one in sorted(inspection.landmarks, key=lambda one: float(one["chainage_m"]))

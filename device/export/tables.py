@@ -37,6 +37,7 @@ _LANDMARK = (
     "clock",
     "clock_to",
     "sigma_chainage_m",
+    "sigma_chainage_to_m",
     "hits",
     "status",
     "decision",

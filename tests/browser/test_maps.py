@@ -329,7 +329,7 @@ def test_pure_functions_of_the_map(screen: Watched) -> None:
         0,
         0,
     ]
-    assert ask("drive_words", "[m.readNumber(' 4,5 '), m.readNumber(''), Number.isNaN(m.readNumber('4x'))]") == [
+    assert ask("numbers", "[m.readNumber(' 4,5 '), m.readNumber(''), Number.isNaN(m.readNumber('4x'))]") == [
         4.5,
         None,
         True,

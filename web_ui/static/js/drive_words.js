@@ -64,6 +64,9 @@ export function whereText(view) {
 
 export const sigmaText = (metres) => (metres === null || metres === undefined ? "" : metres < 0.0995 ? `± ${(metres * 100).toFixed(metres < 0.00995 ? 1 : 0)} cm` : `± ${(metres * 100).toFixed(0)} cm`);
 
+// Of a long thing the end that is known less well; maps of earlier versions state one sigma for both.
+export const sigmaOf = ({ sigma_chainage_m: from, sigma_chainage_to_m: to }) => (from === null ? null : Math.max(from, to ?? from));
+
 export const isExtent = (view) => view.chainage_to_m - view.chainage_m >= LEAST_LENGTH_M || view.reach >= LEAST_REACH_H;
 
 export const seenText = ({ hits, misses }) => `${hits} ${hits === 1 ? "hit" : "hits"}, ${misses} ${misses === 1 ? "miss" : "misses"}`;

@@ -1,7 +1,7 @@
 // The list of landmarks with its filter. Rows are changed in place: a tap must not land on a row that has just moved its neighbour.
 
 import { byId, html, icon, setData, setIcon, setText } from "./dom.js";
-import { STATUSES, chainageText, seenText, sentence, sigmaText, slug, symbol, whereText } from "./drive_words.js";
+import { STATUSES, chainageText, seenText, sentence, sigmaOf, sigmaText, slug, symbol, whereText } from "./drive_words.js";
 
 export class LandmarkList {
   // onPick(id) opens one; `newestFirst` puts what the crawler has just seen on top.
@@ -70,7 +70,7 @@ export class LandmarkList {
     setData(known.button, "status", view.status);
     setData(known.button, "decision", view.decision ?? "none");
     setText(known.title, `${view.id} ${sentence(view.class)}`);
-    setText(known.where, `${chainageText(view)} ${sigmaText(view.sigma_chainage_m)} · ${whereText(view)}`);
+    setText(known.where, `${chainageText(view)} ${sigmaText(sigmaOf(view))} · ${whereText(view)}`);
     setText(known.how, view.marked_by_hand ? "marked by hand" : seenText(view));
     const said = view.decision === "rejected" ? "rejected" : view.decision === "confirmed" ? "✓ confirmed by hand" : (STATUSES[view.status] ?? view.status);
     setText(known.status, view.corrected ? `${said}, corrected` : said);

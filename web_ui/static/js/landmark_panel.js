@@ -2,7 +2,7 @@
 
 import { ask } from "./api.js";
 import { announce, byId, html, setText, showFailure, toast } from "./dom.js";
-import { HALF_HOURS, NOTHING, chainageText, className, clockText, inNetwork, metresText, seenText, sentence, shown, sigmaText, whereText } from "./drive_words.js";
+import { HALF_HOURS, NOTHING, chainageText, className, clockText, inNetwork, metresText, seenText, sentence, shown, sigmaOf, sigmaText, whereText } from "./drive_words.js";
 import { readNumber } from "./numbers.js";
 import { recall, remember } from "./operator.js";
 
@@ -56,7 +56,7 @@ export class LandmarkPanel {
     const facts = [
       ["Chainage", chainageText(view)],
       ["Clock", view.clock === null ? "not known" : whereText(view)],
-      ["Sure to", [sigmaText(landmark.sigma_chainage_m), landmark.sigma_clock === null ? "" : `± ${Math.round(landmark.sigma_clock * 60)} min of the clock`].filter(Boolean).join(", ") || "not known"],
+      ["Sure to", [sigmaText(sigmaOf(landmark)), landmark.sigma_clock === null ? "" : `± ${Math.round(landmark.sigma_clock * 60)} min of the clock`].filter(Boolean).join(", ") || "not known"],
       ["Seen", landmark.marked_by_hand ? "marked by hand" : `${seenText(landmark)}, ${landmark.status}`],
     ];
     if (landmark.corrected) facts.push(["Measured", `${landmark.class}, ${chainageText(shown({ ...landmark, corrected: null }))}, ${whereText(shown({ ...landmark, corrected: null }))}`]);

@@ -2,7 +2,7 @@
 // On a wide screen the chainage runs to the right, on a tall one downwards. Only the chainage zooms; the whole clock always shows.
 
 import { svg } from "./dom.js";
-import { chainageText, isExtent, metresText, slug, spoken, symbol } from "./drive_words.js";
+import { chainageText, isExtent, metresText, sigmaOf, slug, spoken, symbol } from "./drive_words.js";
 
 const HOURS = [6, 7, 8, 9, 10, 11, 12, 1, 2, 3, 4, 5, 6];
 const ELLIPSE = 2.448; // 95 % of a normal distribution in two dimensions: sqrt(5.991)
@@ -311,8 +311,8 @@ export class UnrolledMap {
       for (const one of shares) {
         const [x, y] = point(middleM, one);
         spots.push([x, y]);
-        if (split.length < 2 && view.sigma_chainage_m !== null && view.sigma_clock !== null) {
-          const [long, broad] = [ELLIPSE * view.sigma_chainage_m * scale, (ELLIPSE * view.sigma_clock * breadth) / 12];
+        if (split.length < 2 && sigmaOf(view) !== null && view.sigma_clock !== null) {
+          const [long, broad] = [ELLIPSE * sigmaOf(view) * scale, (ELLIPSE * view.sigma_clock * breadth) / 12];
           const [rx, ry] = this.tall ? [broad, long] : [long, broad];
           children.push(svg("ellipse", { class: "doubt", cx: round(x), cy: round(y), rx: round(rx), ry: round(ry) }));
         }
