@@ -68,6 +68,8 @@ def anomaly(
         frames = looking(eye.feed, pairs)
     else:
         source = RigSource(None if calibration is None else load_calibration(calibration))
+        if virtual and source.lenses is not None:
+            raise Invalid(f"The calibration {calibration} is of two plain cameras: virtual pairs are rectified already.")
         frames = _replayed(replay, source) if replay is not None else _driven(seed, 6 if pairs is None else pairs)
     if pictures is not None:
         _make(pictures)

@@ -15,7 +15,13 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from device.anomaly.calibration import BoardCalibration, KnownPipeCalibration, load_calibration, save_calibration
+from device.anomaly.calibration import (
+    BoardCalibration,
+    KnownPipeCalibration,
+    board_calibration,
+    load_calibration,
+    save_calibration,
+)
 from device.calibrating import board_views
 from device.calibrating.board_paper import write_board
 from device.calibrating.board_views import Found, Kept, from_cameras, from_folder, pairs_of
@@ -390,6 +396,14 @@ def test_a_camera_that_goes_away_loses_nothing_of_what_was_shown(
     assert 2 <= len(from_cameras(BOARD, hands, None).views) <= 4  # type: ignore[arg-type]
     assert "is calibrated with" in capsys.readouterr().err
     assert hands.closed
+
+
+def test_a_board_calibration_says_nothing_of_virtual_pairs(tmp_path: Path) -> None:
+    saved = tmp_path / "board.json"
+    save_calibration(saved, board_calibration(calibrate_pair(BOARD, seen(20), SIZE), BOARD.name))
+    said = CliRunner().invoke(cli, ["anomaly", "--virtual", "--calibration", str(saved)])
+    assert isinstance(said.exception, Invalid)
+    assert "two plain cameras" in str(said.exception)
 
 
 def test_a_codec_of_two_letters_is_refused_in_a_sentence(tmp_path: Path) -> None:
