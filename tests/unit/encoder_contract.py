@@ -7,7 +7,7 @@ from abc import abstractmethod
 
 import pytest
 
-from drivers.base import EndOfRecording, SensorLost
+from drivers.base import EndOfRecording, SensorLost, SensorMissing
 from drivers.encoder.base import Encoder, Reading
 from tests.unit.sensor_contract import READ_S, Plug, SensorContract, SensorRig, WakingContract, drain
 
@@ -34,6 +34,9 @@ class EncoderContract(SensorContract):
     """Subclass with a fixture ``rig`` that gives a Rig, its encoder not yet open, and closes it afterwards."""
 
     reads = Reading
+    clocks = ("time_s",)
+    silence = "no reading"
+    gone = (SensorMissing, SensorLost)
 
     def test_readings_say_where_the_wheel_is(self, rig: Rig) -> None:
         rig.encoder.open()

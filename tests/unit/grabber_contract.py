@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.base import EndOfRecording
+from drivers.base import EndOfRecording, SensorLost, SensorMissing
 from drivers.grabber.base import FrameGrabber, VideoFrame
 from tests.unit.sensor_contract import READ_S, Plug, SensorContract, SensorRig, WakingContract
 
@@ -34,6 +34,7 @@ class GrabberContract(SensorContract):
     """Subclass with a fixture ``rig`` that gives a Rig, its grabber not yet open, and closes it afterwards."""
 
     reads = VideoFrame
+    clocks = ("number", "time_s", "monotonic_ns")
 
     def pictures(self, reading: VideoFrame) -> list[NDArray[Any]]:
         return [reading.image]
@@ -44,12 +45,14 @@ class GrabberContract(SensorContract):
         assert frame.image.dtype == np.uint8
         assert frame.image.shape == (rig.height, rig.width, 3)
         assert frame.image.any()
+        assert frame.number >= 1
 
 
 class LiveGrabberContract(GrabberContract, WakingContract):
     """Also for live sources: ``rig`` is a LiveRig."""
 
     notices_s = 3.0
+    gone = (SensorMissing, SensorLost)
 
     def test_a_late_reader_gets_new_pictures_and_sees_the_gap(self, rig: LiveRig) -> None:
         rig.grabber.open()

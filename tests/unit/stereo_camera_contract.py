@@ -34,6 +34,7 @@ class StereoCameraContract(SensorContract):
     """Subclass with a fixture ``rig`` that gives a Rig, its camera not yet open, and closes it afterwards."""
 
     reads = StereoFrame
+    silence = "no (pair|picture)"
 
     def pictures(self, reading: StereoFrame) -> list[NDArray[Any]]:
         return [reading.left, reading.right]

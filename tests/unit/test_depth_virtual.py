@@ -20,26 +20,18 @@ from drivers.virtual.depth_camera import STEREO_LENSES, TIME_OF_FLIGHT_LENSES
 from drivers.virtual.noise import UNIT_M
 from estimators.pinhole import Intrinsics
 from tests.unit.depth_camera_contract import READ_S, LiveCameraContract, LiveRig
+from tests.unit.sensor_contract import TwinPlug
 
 STEREO = DepthSettings(serial=STEREO_SERIAL)
 TIME_OF_FLIGHT = DepthSettings(*TIME_OF_FLIGHT_LENSES[0].size, TIME_OF_FLIGHT_FPS, color=False, serial=TIME_OF_FLIGHT_SERIAL)
 
 
-class VirtualRig(LiveRig):
+class VirtualRig(TwinPlug, LiveRig):
     def __init__(self, settings: DepthSettings, lens: Intrinsics) -> None:
         bus = virtual_bus(Description())
         self.twin = next(camera for camera in bus.cameras if camera.serial == settings.serial)
         self.camera = LibrealsenseCamera(bus, settings)
         self.intrinsics = lens
-
-    def fall_silent(self) -> None:
-        self.twin.faults.trigger("never comes")
-
-    def unplug(self) -> None:
-        self.twin.faults.trigger("disconnect")
-
-    def plug_in(self) -> None:
-        self.twin.faults.trigger("reconnect")
 
     def close(self) -> None:
         self.twin.faults.end()

@@ -21,6 +21,7 @@ from drivers.virtual.profile import circular
 from drivers.virtual.stereo_camera import StereoLens, StereoLook, StereoPainter, VirtualStereoCamera
 from drivers.virtual.world import VirtualSewer
 from estimators.pinhole import Intrinsics, LensPair, project_rays, rectified
+from tests.unit.sensor_contract import TwinPlug
 from tests.unit.stereo_camera_contract import READ_S, LiveRig, LiveStereoContract, Rig, StereoCameraContract
 
 SIZE = (160, 100)
@@ -93,22 +94,13 @@ class TestTwoCameras(LiveStereoContract):
         made.close()
 
 
-class VirtualRig(LiveRig):
+class VirtualRig(TwinPlug, LiveRig):
     def __init__(self) -> None:
         lens = StereoLens(Intrinsics(64, 40, 37.0, 37.0, 31.5, 19.5), 0.06, 3.0)
         painter = StereoPainter(VirtualSewer(circular(0.4), 4.0), lens, StereoLook(), 3)
         self.twin = VirtualStereoCamera(painter, dwell=1000, rate_hz=30.0)
         self.camera = self.twin
         self.intrinsics, self.baseline_m, self.offset_px = lens.intrinsics, lens.baseline_m, lens.offset_px
-
-    def fall_silent(self) -> None:
-        self.twin.faults.trigger("never comes")
-
-    def unplug(self) -> None:
-        self.twin.faults.trigger("disconnect")
-
-    def plug_in(self) -> None:
-        self.twin.faults.trigger("reconnect")
 
     def close(self) -> None:
         self.twin.close()
@@ -171,7 +163,8 @@ def test_pictures_of_one_moment_are_joined(two: TwoCamerasRig) -> None:
 
 
 def test_a_camera_that_is_too_slow_is_no_pair() -> None:
-    rig = TwoCamerasRig(right=FakeGrabber("right camera", phase=0.3, period=5.0))
+    half_way = time.monotonic() - 7.5  # its last picture came 2.5 s ago, its next comes in 2.5 s
+    rig = TwoCamerasRig(right=FakeGrabber("right camera", phase=half_way, period=5.0))
     rig.right.frame_rate = 50.0  # it says so, and does not keep it
     rig.camera.open()
     with pytest.raises(FrameTimeout):

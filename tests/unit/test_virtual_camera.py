@@ -24,12 +24,13 @@ from drivers.virtual.faults import CURES, FAULTS, Fault, FaultScript
 from drivers.virtual.rig import Pose
 from estimators.pinhole import Intrinsics, rays
 from tests.unit.depth_camera_contract import READ_S, LiveRig
+from tests.unit.sensor_contract import TwinPlug
 
 STEREO = DepthSettings(640, 480, 30, serial=STEREO_SERIAL)
 TIME_OF_FLIGHT = DepthSettings(224, 172, 10, color=False, serial=TIME_OF_FLIGHT_SERIAL)
 
 
-class TwinRig(LiveRig):
+class TwinRig(TwinPlug, LiveRig):
     """A virtual camera, and the hand that pulls its cable."""
 
     def __init__(self, settings: DepthSettings, description: Description | None = None) -> None:
@@ -41,15 +42,6 @@ class TwinRig(LiveRig):
     def close(self) -> None:
         self.twin.faults.end()
         self.camera.close()
-
-    def fall_silent(self) -> None:
-        self.twin.faults.trigger("never comes")
-
-    def unplug(self) -> None:
-        self.twin.faults.trigger("disconnect")
-
-    def plug_in(self) -> None:
-        self.twin.faults.trigger("reconnect")
 
 
 @pytest.fixture

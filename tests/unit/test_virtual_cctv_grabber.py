@@ -17,6 +17,7 @@ from drivers.virtual.grabber import Footage, VirtualGrabber, VirtualVideo
 from drivers.virtual.profile import circular
 from drivers.virtual.world import VirtualSewer
 from tests.unit.grabber_contract import LiveGrabberContract, LiveRig, RecordingContract, Rig
+from tests.unit.sensor_contract import TwinPlug
 
 SMALL = CctvCamera(96.0, 102.0, 79.5, 63.5, 160, 128)
 
@@ -29,7 +30,7 @@ def footage() -> Footage:
     return found
 
 
-class Live(LiveRig):
+class Live(TwinPlug, LiveRig):
     width, height = 160, 128
 
     def __init__(self) -> None:
@@ -37,15 +38,6 @@ class Live(LiveRig):
         self.clock = DriveClock(self.footage.drive.length_s, loop=True)
         self.clock.begin()
         self.grabber = self.twin = VirtualGrabber(self.footage, self.clock)
-
-    def fall_silent(self) -> None:
-        self.twin.faults.trigger("never comes")
-
-    def unplug(self) -> None:
-        self.twin.faults.trigger("disconnect")
-
-    def plug_in(self) -> None:
-        self.twin.faults.trigger("reconnect")
 
     def close(self) -> None:
         self.grabber.close()

@@ -18,6 +18,7 @@ from drivers.virtual.openers import crawler
 from drivers.virtual.profile import circular
 from drivers.virtual.world import VirtualSewer
 from tests.unit.encoder_contract import LiveEncoderContract, LiveRig, RecordingContract, Rig
+from tests.unit.sensor_contract import TwinPlug
 
 PER_METRE = 1000.0
 
@@ -34,22 +35,13 @@ class HandWheel:
         return self.metres
 
 
-class Live(LiveRig):
+class Live(TwinPlug, LiveRig):
     def __init__(self) -> None:
         self.wheel = HandWheel()
         self.encoder = self.twin = VirtualEncoder(self.wheel, DriveClock(60.0), per_metre=PER_METRE, hz=100.0)
 
     def turn_to(self, value: float) -> None:
         self.wheel.metres = value / PER_METRE
-
-    def fall_silent(self) -> None:
-        self.twin.faults.trigger("never comes")
-
-    def unplug(self) -> None:
-        self.twin.faults.trigger("disconnect")
-
-    def plug_in(self) -> None:
-        self.twin.faults.trigger("reconnect")
 
     def close(self) -> None:
         self.encoder.close()
