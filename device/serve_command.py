@@ -16,7 +16,7 @@ from device.cli import camera_options, chosen_cameras
 from device.config import Settings, load_settings
 from device.daemon import Device
 from device.errors import Invalid
-from device.memory import share_heaps
+from device.memory import keep_heaps_small
 from device.notify import Keeper, Notifier, Watchdog
 
 log = logging.getLogger(__name__)
@@ -52,7 +52,7 @@ def serve(
         chosen["structure"] = {"scanner": "virtual"}
         chosen["stereo"] = {"driver": "virtual"}
     settings = load_settings(config, data_dir=data_dir, host=host, port=port, pin=pin, allowed_hosts=hosts or None, **chosen)
-    share_heaps()
+    keep_heaps_small()
     device = Device(settings)
     keeper: Keeper | None = None
     try:

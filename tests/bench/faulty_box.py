@@ -143,7 +143,7 @@ def _serve(folder: Path, live_hz: float, fps: float, film_s: float) -> None:
     from device.config import Settings
     from device.daemon import Device
     from device.landmarks.virtual_crawler import virtual_crawler
-    from device.memory import share_heaps
+    from device.memory import keep_heaps_small
     from drivers.virtual.cameras import demo_bus
     from drivers.virtual.drive import demo_drive
     from drivers.virtual.faults import FaultScript
@@ -153,7 +153,7 @@ def _serve(folder: Path, live_hz: float, fps: float, film_s: float) -> None:
     from web_ui.server import make_server
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-    share_heaps()
+    keep_heaps_small()
     scripts = {"camera": demo_bus(1, None).cameras[0].faults, "grabber": FaultScript(), "encoder": FaultScript()}
     footage = Film(demo_drive(1), fps, film_s) if film_s else Footage(demo_drive(1), fps)
     settings = Settings(data_dir=folder, cameras=("virtual",), pin=PIN, live_hz=live_hz)
