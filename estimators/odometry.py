@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import median_filter
 
 Array = NDArray[np.float64]
 Rounding = Literal["nearest", "down"]
@@ -31,6 +32,8 @@ HALT_S = 0.4
 """And so much longer (s) at least."""
 FASTEST = 2.0
 """Faster than this (m/s) nothing drives in a pipe: the counter has jumped."""
+LEAP = 1.5
+"""Nothing in a pipe gains or loses so much speed (m/s) from one reading to the next, see ``bridge``."""
 SPEED_SPAN_S = 0.3
 """The speed of the moment is taken over at least this long (s)."""
 STANDING_SPEED = 0.005
@@ -127,6 +130,45 @@ def destep(times: Array, values: Array, quantum: float | None = None, rounding: 
         positions[piece], std[piece] = path.at(times[piece], quantum)
     positions = np.clip(positions, values - quantum / 2, values + quantum / 2)
     return positions + _offset(quantum, rounding), std
+
+
+@dataclass(frozen=True)
+class Jump:
+    """The counter leapt between reading ``index - 1`` and ``index`` of a series, by ``metres``; how far it drove meanwhile is
+    known to ``std`` (m)."""
+
+    index: int
+    metres: float
+    std: float
+
+
+def bridge(times: Array, values: Array, quantum: float) -> tuple[Array, tuple[Jump, ...]]:
+    """What a counter would have shown in a whole series had it never been set: ``values`` (n,) at growing ``times`` (n,) without
+    their jumps, so that the way goes on as before and after, and the jumps. ``quantum`` is its step (m), 0 for none.
+
+    A jump is what the speeds around it do not explain, whatever the time between two readings.
+    """
+    if len(times) < 3:
+        return values, ()
+    waited, moved = np.diff(times), np.diff(values)
+    pace = _paces(times, values)
+    leapt = np.abs(moved - pace * waited) > LEAP * waited + 2.5 * quantum
+    driven = pace * waited
+    if quantum > 0:
+        driven = np.round(driven / quantum) * quantum
+    taken_out = np.where(leapt, moved - driven, 0.0)
+    std = np.hypot(quantum / math.sqrt(6), _PACE_STD * np.abs(pace) * waited)
+    jumps = tuple(Jump(int(k) + 1, float(taken_out[k]), float(std[k])) for k in np.flatnonzero(leapt))
+    return values - np.concatenate([[0.0], np.cumsum(taken_out)]), jumps
+
+
+def _paces(times: Array, values: Array) -> Array:
+    """The usual speed (n - 1,) around each interval of a series, signed: the median over some seconds, which no jump bends."""
+    lag = min(max(1, round(1.0 / float(np.median(np.diff(times))))), len(times) - 1)
+    speeds = (values[lag:] - values[:-lag]) / (times[lag:] - times[:-lag])
+    usual = median_filter(speeds, size=6 * lag + 1, mode="mirror")
+    middle = np.clip(np.arange(len(times) - 1) - lag // 2, 0, len(usual) - 1)
+    return np.asarray(usual[middle], np.float64)
 
 
 class Odometer:

@@ -28,7 +28,7 @@ from drivers.encoder.osd import OsdReader, read_series, require_distance
 from drivers.encoder.recorded import read_distances
 from drivers.grabber.base import FrameGrabber, VideoFrame
 from drivers.registry import ENCODERS, open_grabber
-from estimators.landmarks.from_detections import map_detections
+from estimators.landmarks.from_detections import map_detections, way_of
 
 SERIAL = tuple(kind for kind in ENCODERS if kind not in ("csv", "virtual"))
 OSD_EVERY_S = 0.2
@@ -175,16 +175,20 @@ def _from_detections(wanted: Options) -> Map:
         landmarks = map_detections(rows, rig)
     except ValueError as error:
         raise Invalid(f"The detections {wanted.detections} cannot be mapped: {error}") from None
-    chainages = [float(value) for value in (rows.chainage.min(), rows.chainage.max())]
+    way = way_of(rows)
+    faults = FaultWatch()
+    for count, jump in enumerate(way.jumps, 1):
+        faults.now(jump.time_s, jump.position)
+        faults.jumps([(one.time_s, one.metres) for one in way.jumps[:count]])
     return {
         "landmarks": [landmark_json(number, landmark) for number, landmark in enumerate(landmarks, 1)],
         "rings": [],
         "focal_radius": {"value": rig.fx * rig.radius, "sigma": 0.0},
         "frames": len(set(rows.frame.tolist())),
-        "from_m": chainages[0],
-        "to_m": chainages[1],
+        "from_m": float(way.shown.min()),
+        "to_m": float(way.shown.max()),
         "smoothed": False,
-        "faults": [],
+        "faults": faults.untold(),
     }
 
 

@@ -17,7 +17,7 @@ from estimators.landmarks.mapper import Mapper, MapperConfig
 from estimators.landmarks.projection import PipeCamera, View
 from estimators.landmarks.refine import refine
 from estimators.landmarks.types import Landmark, Observation
-from estimators.odometry import FASTEST, destep
+from estimators.odometry import FASTEST, bridge, destep
 
 Array = NDArray[np.float64]
 
@@ -64,6 +64,28 @@ class Rows:
     foe: Array | None = None
 
 
+@dataclass(frozen=True)
+class CounterJump:
+    """The counter jumped by ``metres`` at ``time_s``, when the crawler was at ``position`` (m, on the way that goes on); how far
+    it drove meanwhile is known to ``std`` (m)."""
+
+    time_s: float
+    metres: float
+    position: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Way:
+    """Of each frame, in the order of frames: ``times`` (n,) s, and ``shown`` (n,) m by the counter, its ``jumps`` taken out: up
+    to the first one the way is the counter's, beyond it goes on from where it was. ``step`` (m) of the counter, or 0."""
+
+    times: Array
+    shown: Array
+    step: float
+    jumps: tuple[CounterJump, ...]
+
+
 def map_detections(rows: Rows, rig: Rig, config: MapperConfig | None = None) -> list[Landmark]:
     """The landmarks, along the pipe. Raises ValueError for a table that makes no sense.
 
@@ -101,6 +123,7 @@ def _map(rows: Rows, rig: Rig, config: MapperConfig) -> list[Landmark]:
     """The landmarks, for a camera that looks towards growing chainages."""
     camera = PipeCamera(rig.fx, rig.fy, rig.radius, rig.width, rig.height)
     observations, unsure = observations_of(rows, rig)
+    jumps = way_of(rows).jumps
     if not any(o.detections for o in observations):
         return []
     names = list(dict.fromkeys([*config.classes, *(name for name in rows.label if name)]))
@@ -116,7 +139,11 @@ def _map(rows: Rows, rig: Rig, config: MapperConfig) -> list[Landmark]:
         config = replace(config, pixel_std=refined.pixel_std)
         if settled:
             break
-    return [landmark.less_sure(unsure**2) for landmark in refined.landmarks]
+    # what is beyond a jump is as far from the start as nobody knows how far was driven while the counter leapt
+    return [
+        landmark.less_sure(unsure**2 + sum(jump.std**2 for jump in jumps if jump.position < landmark.chainage))
+        for landmark in refined.landmarks
+    ]
 
 
 def _plain(name: str) -> str:
@@ -139,7 +166,6 @@ def observations_of(rows: Rows, rig: Rig) -> tuple[list[Observation], float]:
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} of the rig must be a positive number, got {value}.")
     numbers, first, inverse = np.unique(rows.frame, return_index=True, return_inverse=True)
-    times = _growing(rows.time_s[first])
     shown = rows.chainage[first]
     other = np.flatnonzero(np.abs(rows.chainage - shown[inverse]) > SAME)
     if len(other):
@@ -151,8 +177,9 @@ def observations_of(rows: Rows, rig: Rig) -> tuple[list[Observation], float]:
         raise ValueError(
             f"The crawler would have driven at {np.median(speed):.0f} m/s: chainage_m is in metres, time_s in seconds."
         )
-    step = counter_step(shown)
-    if step > LEAST_STEP:
+    way = way_of(rows)
+    times, shown, step = way.times, way.shown, way.step
+    if step > 0:
         positions, std = destep(times, shown, step)
         positions = positions + step / 4
         unsure = step / 4
@@ -180,6 +207,21 @@ def observations_of(rows: Rows, rig: Rig) -> tuple[list[Observation], float]:
     return observations, unsure
 
 
+def way_of(rows: Rows) -> Way:
+    """Where the frames of a table were taken, by its counter."""
+    first = np.unique(rows.frame, return_index=True)[1]
+    times, told = _growing(rows.time_s[first]), rows.chainage[first]
+    step = counter_step(told)
+    step = step if step > LEAST_STEP else 0.0
+    shown, jumps = bridge(times, told, step)
+    return Way(
+        times,
+        shown,
+        step,
+        tuple(CounterJump(float(times[jump.index]), jump.metres, float(shown[jump.index]), jump.std) for jump in jumps),
+    )
+
+
 def counter_step(shown: Array) -> float:
     """The step (m) of a counter, 0 for one that runs smoothly.
 
@@ -193,7 +235,8 @@ def counter_step(shown: Array) -> float:
     if len(changes) == 0:
         return 0.0
     step = float(np.median(changes[changes < 1.5 * changes.min()]))
-    if np.ptp(changes) < 0.01 * step and (moves[1:] & moves[:-1]).sum() > 0.9 * (moves.sum() - 1):
+    usual = changes[changes <= np.quantile(changes, 0.98, method="lower")]  # without the jumps of one that was set
+    if np.ptp(usual) < 0.01 * step and (moves[1:] & moves[:-1]).sum() > 0.9 * (moves.sum() - 1):
         return 0.0
     whole = changes / step
     fits = np.abs(whole - np.round(whole)) < 0.02 + 1e-3 * whole

@@ -39,8 +39,11 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return lines[0]
 
 
-def write_detections(path: Path, noise_px: float = 3.0, seed: int = 2, **extra: float) -> None:
-    """A drive of 6 m at 0.25 m/s, 10 frames a second, through ``TRUTH``."""
+def write_detections(
+    path: Path, noise_px: float = 3.0, seed: int = 2, step: float = 0.001, jump: tuple[int, float] = (999, 0.0), **extra: float
+) -> None:
+    """A drive of 6 m at 0.25 m/s, 10 frames a second, through ``TRUTH``, by a counter that shows each ``step`` (m); from frame
+    ``jump[0]`` on it shows ``jump[1]`` (m) more."""
     rng = np.random.default_rng(seed)
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
@@ -54,8 +57,9 @@ def write_detections(path: Path, noise_px: float = 3.0, seed: int = 2, **extra: 
                     u, v = project(CAMERA, view, np.array([[chainage, angle]]))[0] + rng.normal(0, noise_px, 2)
                     if 0 < u < 720 and 0 < v < 576:
                         rows.append([f"{u:.1f}", f"{v:.1f}", label, 0.9])
+            shown = round(where / step) * step + (jump[1] if frame >= jump[0] else 0.0)
             for row in rows or [["", "", "", ""]]:
-                writer.writerow([frame, f"{frame / 10:.2f}", f"{where:.3f}", *row, *extra.values()])
+                writer.writerow([frame, f"{frame / 10:.2f}", f"{shown:.3f}", *row, *extra.values()])
 
 
 @pytest.fixture
@@ -64,6 +68,31 @@ def table(tmp_path: Path) -> tuple[Path, Path]:
     write_detections(detections)
     rig.write_text(json.dumps(RIG))
     return detections, rig
+
+
+@pytest.mark.parametrize("step", [0.001, 0.1])
+@pytest.mark.parametrize("jump", [(60, -2.0), (160, -2.0), (120, 35.0)])
+def test_a_counter_that_jumps_is_a_fault_and_the_map_goes_on(
+    capsys: pytest.CaptureFixture[str], table: tuple[Path, Path], step: float, jump: tuple[int, float]
+) -> None:
+    write_detections(table[0], step=step)
+    _, out, _ = run(capsys, "--detections", str(table[0]), "--rig", str(table[1]), "--json")
+    whole = json.loads(out)
+    assert whole["faults"] == []
+    write_detections(table[0], step=step, jump=jump)
+    _, out, _ = run(capsys, "--detections", str(table[0]), "--rig", str(table[1]), "--json")
+    found = json.loads(out)
+    (fault,) = found["faults"]
+    assert fault["what"] == "encoder_jump"
+    assert fault["time_s"] == jump[0] / 10
+    assert fault["chainage_m"] == pytest.approx(0.025 * jump[0], abs=0.06)
+    assert f"jumped by {jump[1]:+.1f}" in fault["text"]
+    assert [one["class"] for one in found["landmarks"]] == [one["class"] for one in whole["landmarks"]]
+    for ours, right in zip(found["landmarks"], whole["landmarks"], strict=True):
+        assert ours["chainage_m"] == pytest.approx(right["chainage_m"], abs=0.03 + step / 2)
+    assert (found["from_m"], found["to_m"]) == pytest.approx((whole["from_m"], whole["to_m"]), abs=0.03 + step)
+    _, table_text, _ = run(capsys, "--detections", str(table[0]), "--rig", str(table[1]))
+    assert fault["text"] in table_text
 
 
 def test_detections_become_one_json_object(capsys: pytest.CaptureFixture[str], table: tuple[Path, Path]) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimators.odometry import Odometer, destep, step_of
+from estimators.odometry import Odometer, bridge, destep, step_of
 
 Array = NDArray[np.float64]
 SEEDS = range(6)
@@ -334,3 +334,45 @@ class TestOdometer:
             found = odometer.at(moment + asked)
             assert all(math.isfinite(number) for number in (found.chainage, found.std, found.speed))
             assert found.std >= 0
+
+
+class TestBridge:
+    @pytest.mark.parametrize(("hz", "quantum"), [(25.0, 0.1), (10.0, 0.0), (1.0, 0.1), (1.0, 0.0)])
+    def test_a_drive_that_halts_and_turns_has_no_jump(self, hz: float, quantum: float) -> None:
+        for seed in SEEDS:
+            drive = Drive(seed)
+            times, shown = drive.readings(hz, quantum) if quantum else (np.arange(0.1, 119.0, 1 / hz), None)
+            shown = drive.truth(times) if shown is None else shown
+            same, jumps = bridge(times, shown, quantum)
+            assert jumps == ()
+            np.testing.assert_array_equal(same, shown)
+
+    @given(
+        seed=st.integers(0, 5),
+        at=st.floats(0.0, 1.0),
+        metres=st.floats(2.0, 60.0) | st.floats(-60.0, -2.0),
+        hz=st.sampled_from([25.0, 1.0]),
+    )
+    def test_a_jump_is_taken_out_wherever_it_is(self, seed: int, at: float, metres: float, hz: float) -> None:
+        drive = Drive(seed)
+        times, shown = drive.readings(hz, 0.1)
+        index = 1 + round(at * (len(times) - 2))
+        metres = round(metres, 1)
+        whole, (jump,) = bridge(times, shown + np.where(np.arange(len(times)) < index, 0.0, metres), 0.1)
+        assert jump.index == index
+        # what it drove from one reading to the next is taken for the usual
+        assert jump.metres == pytest.approx(metres, abs=0.11 + 0.25 / hz)
+        np.testing.assert_array_equal(whole[:index], shown[:index])
+        np.testing.assert_allclose(np.diff(whole[index:]), np.diff(shown[index:]), atol=1e-9)
+        assert abs(whole[-1] - shown[-1]) < 0.11 + 0.25 / hz
+
+    def test_a_slip_of_the_reading_is_two_jumps_and_leaves_no_trace(self) -> None:
+        times, shown = Drive(1).readings(25.0, 0.1)
+        slipped = shown.copy()
+        slipped[700:705] += 60.0
+        whole, jumps = bridge(times, slipped, 0.1)
+        assert [jump.index for jump in jumps] == [700, 705]
+        np.testing.assert_allclose(whole, shown, atol=0.11)
+
+    def test_few_readings_have_no_jump(self) -> None:
+        assert bridge(np.array([0.0, 1.0]), np.array([5.0, 99.0]), 0.1)[1] == ()
