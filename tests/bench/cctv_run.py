@@ -5,8 +5,11 @@ BORESCOUT_DATA=... python -m tests.bench.cctv_run [--overlays FOLDER]
 
 Lengths are in the unit of the counter, which the recording does not state. Marked by hand, with a pixel grid over the enlarged
 picture, were two rings of each straight-ahead picture that shows two. Beside them stands the focus of expansion from each still
-and its neighbours (see ``still_flow``). Where the pipe bends at the near joint the far ring lies in another pipe, and two rings
-say nothing of where the crawler goes: the near ring alone, c + (e / R) rho with flow's own c and e / R, is compared too.
+and its neighbours (see ``still_flow``). The pipe bends at its joints, so the far ring lies in another pipe than the crawler,
+and the line through both rings of one picture ("one line") leads to where that other pipe goes. Each ring on its own line, over
+the pictures of one pipe ("bends", see ``estimators.rings.bends``), leads to where the crawler goes; flow has no part in it. The
+near
+ring alone, c + (e / R) rho with flow's own c and e / R, is compared too.
 """
 
 from __future__ import annotations
@@ -26,7 +29,18 @@ from drivers.encoder.osd import OsdReader, read_series
 from drivers.grabber.base import VideoFrame
 from drivers.registry import open_grabber
 from estimators.foe import video_aspect
-from estimators.rings import JointConfig, JointMap, Ring, RingMap, axis_view, dark_centre, find
+from estimators.rings import (
+    AxisView,
+    JointConfig,
+    JointMap,
+    JointRing,
+    Ring,
+    RingMap,
+    axis_view,
+    dark_centre,
+    find,
+    ring_centres,
+)
 from tests.bench.real_data import fail
 from tests.bench.still_flow import still_flow
 from tests.bench.table import print_table
@@ -37,6 +51,8 @@ FIRST_S = 129.0
 RANGE = (7.0, 50.0)
 MARKS = Path(__file__).with_name("cctv_run_marks.csv")
 """Rings marked by hand: picture (s), centre and half width (px)."""
+MARK_STD = 1.0
+"""Of a marked ring's radius (px)."""
 STANDS = 0.05
 """Less way than this by the counter is none."""
 COUNTER_STD = 0.12
@@ -108,53 +124,95 @@ def _compare(frames: list[VideoFrame], places: list[float | None], result: Joint
     with MARKS.open() as file:
         for row in csv.DictReader(file):
             marks.setdefault(float(row["time_s"]), []).append((float(row["u"]), float(row["v"]), float(row["across"])))
-    rows, offs, flow_offs, near_offs, apart = [], [], [], [], []
+    rows, offs, apart = [], [], []
+    agreed: dict[str, list[float]] = {"one line": [], "bends": [], "found": [], "near": []}
     diagonal = float(np.hypot(*frames[0].image.shape[:2]))
+    by_bends = _marked_centres(frames, places, result, marks)
+    by_found = _found_centres(frames, places, result)
     for k, frame in enumerate(frames):
         if frame.time_s not in marks:
             continue
         (u0, v0, a0), (u1, v1, a1) = marks[frame.time_s]
-        by_hand = np.array([u0, v0]) - a0 * np.array([u1 - u0, v1 - v0]) / (a1 - a0)
+        line = np.array([u0, v0]) - a0 * np.array([u1 - u0, v1 - v0]) / (a1 - a0)
         own = [seen.ring for joint in result.joints for seen in joint.sightings if seen.frame == frame.number]
         view = axis_view(own)
-        off = None if view is None else 100 * float(np.hypot(*(view.centre - by_hand))) / diagonal
+        off = None if view is None else 100 * float(np.hypot(*(view.centre - line))) / diagonal
         offs.append(np.inf if off is None else off)
+        bends, found = by_bends[frame.number], by_found.get(frame.number)
         told = _flows(frames, places, k, result)
-        told_row = ("stands", "-", "-", "-")
+        told_row = ["stands", *["-"] * 5]
         if told:
             weight = np.array([std**-2 for _, std, _ in told])
             foe, slope = (np.average([one[j] for one in told], axis=0, weights=weight) for j in (0, 2))
-            flow_off = 100 * float(np.hypot(*(foe - by_hand))) / diagonal
-            near_off = 100 * float(np.hypot(*(foe + slope * a0 - (u0, v0)))) / diagonal
-            flow_offs.append(flow_off)
-            near_offs.append(near_off)
+            centres = {"one line": line, "bends": bends.centre, "found": None if found is None else found.centre}
+            centres["near"] = foe - np.array([u0, v0]) + foe + slope * a0
+            told_row = [f"{foe[0]:.0f}, {foe[1]:.0f}", f"{slope[0]:+.2f}, {slope[1]:+.2f}"]
+            for name, centre in centres.items():
+                agreed[name].append(np.inf if centre is None else 100 * float(np.hypot(*(foe - centre))) / diagonal)
+                told_row.append("-" if centre is None else f"{agreed[name][-1]:.1f} %")
             if len(told) == 2:
                 apart.append(100 * float(np.hypot(*(told[0][0] - told[1][0]))) / diagonal)
-            told_row = (
-                f"{foe[0]:.0f}, {foe[1]:.0f}",
-                f"{slope[0]:+.2f}, {slope[1]:+.2f}",
-                f"{flow_off:.1f} %",
-                f"{near_off:.1f} %",
-            )
         rows.append(
             (
                 f"{frame.time_s:.0f}",
-                len(own),
-                f"{by_hand[0]:.0f}, {by_hand[1]:.0f}",
-                "-" if view is None else f"{view.centre[0]:.0f}, {view.centre[1]:.0f}",
-                "-" if view is None else f"{view.lean[0]:+.2f}, {view.lean[1]:+.2f}",
+                f"{line[0]:.0f}, {line[1]:.0f}",
                 "-" if off is None else f"{off:.1f} %",
+                f"{bends.centre[0]:.0f}, {bends.centre[1]:.0f} +- {np.sqrt(bends.covariance[0, 0]):.0f}",
+                f"{bends.lean[0]:+.2f}, {bends.lean[1]:+.2f}",
                 *told_row,
             )
         )
-    header = ("picture s", "rings", "marked", "found", "e / R", "off", "flow", "e / R", "off", "off the near ring")
+    header = (
+        "picture s", "one line", "found", "bends", "e / R", "flow", "e / R", "one line off", "bends off", "found, bends",
+        "near ring",
+    )  # fmt: skip
     print_table("Centre of the rings at 1/Z = 0 and focus of expansion; shares of the diagonal", header, rows)
-    print(f"rings within 3 % of the marks: {sum(off <= 3 for off in offs)} of {len(offs)}, without two joints a miss")
-    print(f"flow told the focus of expansion in {len(flow_offs)}; in the others the counter stands. Within 3 %")
-    print(f"of two marked rings: {sum(off <= 3 for off in flow_offs)}, median {np.median(flow_offs):.1f} %")
-    near = sum(off <= 3 for off in near_offs)
-    print(f"of the near ring, in the pipe that the crawler is in: {near}, median {np.median(near_offs):.1f} %")
-    print(f"from the still before and from the one after: apart by {np.median(apart):.1f} % (median of {len(apart)})")
+    print(
+        f"found rings on one line within 3 % of the marks on one line: {sum(off <= 3 for off in offs)} of {len(offs)},"
+        " without two joints a miss"
+    )
+    print("flow's focus of expansion within 3 % of the centre of the rings; where the counter stands there is no flow:")
+    for name, what in (
+        ("one line", "two marked rings on one line, as if the pipe were straight"),
+        ("bends", "marked rings, each on its own line"),
+        ("found", "found rings, each on its own line"),
+        ("near", "the near ring, with flow's own e / R"),
+    ):
+        print(
+            f"  {sum(off <= 3 for off in agreed[name])} of {len(agreed[name])}, median {np.median(agreed[name]):.1f} %: {what}"
+        )
+    print(f"flow from the still before and from the one after: apart by {np.median(apart):.1f} % (median of {len(apart)})")
+
+
+def _marked_centres(
+    frames: list[VideoFrame],
+    places: list[float | None],
+    result: JointMap,
+    marks: dict[float, list[tuple[float, float, float]]],
+) -> dict[int, AxisView]:
+    """By frame, from the marks: the near ring is the joint at the end of the crawler's pipe, the far one the next."""
+    aspect = video_aspect(frames[0].image.shape[1], frames[0].image.shape[0])
+    seen = []
+    for frame, place in zip(frames, places, strict=True):
+        if place is None:
+            continue
+        passed = int(np.searchsorted([joint.chainage for joint in result.joints], place))
+        for ahead, (u, v, across) in enumerate(marks.get(frame.time_s, [])):
+            ring = Ring((u, v), across, across / aspect, MARK_STD, 1.0, 1.0)
+            seen.append(JointRing(frame.number, passed, passed + ahead, ring))
+    return ring_centres(seen)
+
+
+def _found_centres(frames: list[VideoFrame], places: list[float | None], result: JointMap) -> dict[int, AxisView]:
+    """By frame, from all the rings that were found to be joints ahead."""
+    where = {frame.number: place for frame, place in zip(frames, places, strict=True)}
+    seen = []
+    for number, joint in enumerate(result.joints):
+        for sighting in joint.sightings:
+            passed = int(np.searchsorted([one.chainage for one in result.joints], where[sighting.frame] or 0.0))
+            if number >= passed:
+                seen.append(JointRing(sighting.frame, passed, number, sighting.ring))
+    return ring_centres(seen)
 
 
 def _flows(frames: list[VideoFrame], places: list[float | None], k: int, result: JointMap) -> list[tuple[Array, float, Array]]:

@@ -1,12 +1,14 @@
 """Rings drawn by hand, where every radius and centre is known: rho = F / Z, centre = c + (e / R) rho."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimators.rings import FocalRadius, JointConfig, Ring, RingMap, axis_view, dark_centre, find
+from estimators.rings import FocalRadius, JointConfig, JointRing, Ring, RingMap, axis_view, dark_centre, find, ring_centres
 
 SIZE = (720, 576)
 
@@ -119,6 +121,65 @@ def test_rings_that_lean_too_much_are_not_of_one_pipe() -> None:
 def test_one_ring_or_two_alike_tell_no_lean() -> None:
     assert axis_view([ring(50)]) is None
     assert axis_view([ring(50), ring(52)]) is None
+
+
+FOCAL, PIPE_M, RADIUS_M, STEP_M = 700.0, 5.4, 0.33, 0.55
+BEYOND = {1: (0.05, -0.45), 2: (-0.1, 0.4)}
+"""How far (m) the joint after the next lies beside the crawler's own pipe, from the first pipe and from the second."""
+
+
+def bent_pipe(noise: float = 0.0, seed: int = 0) -> tuple[list[JointRing], dict[int, np.ndarray]]:
+    """Stills half a metre apart through two pipes, of a camera 3 cm below the axis that is panned from one to the other; rings
+    at f R / Z around c + f e / Z, and the true c of each still."""
+    rng = np.random.default_rng(seed)
+    seen, truth = [], {}
+    for k in range(20):
+        passed, into = divmod(k * STEP_M, PIPE_M)
+        pipe = int(passed) + 1
+        truth[k] = np.array([360.0, 240.0]) + rng.uniform(-90, 90, 2)
+        for ahead, beside in ((0, (0.0, 0.03)), (1, BEYOND[pipe])):
+            depth = (ahead + 1) * PIPE_M - into
+            if 0.35 < depth < 8:
+                centre = truth[k] + FOCAL * np.array(beside) / depth + rng.normal(0, noise, 2)
+                seen.append(JointRing(k, pipe, pipe + ahead, ring(FOCAL * RADIUS_M / depth, (centre[0], centre[1]))))
+    return seen, truth
+
+
+def test_rings_of_a_pipe_that_bends_tell_where_the_crawler_goes_while_the_camera_pans() -> None:
+    seen, truth = bent_pipe()
+    found = ring_centres(seen)
+    pairs = [k for k in truth if sum(one.picture == k for one in seen) == 2]
+    assert len(pairs) >= 8
+    for k in pairs:
+        assert found[k].centre == pytest.approx(truth[k], abs=2.5)
+        assert found[k].lean == pytest.approx([0.0, 0.03 / RADIUS_M], abs=0.02)
+        straight = axis_view([one.ring for one in seen if one.picture == k])
+        assert straight is None or np.hypot(*(straight.centre - truth[k])) > 20, "on one line they lead into the next pipe"
+
+
+def test_centres_of_rings_err_as_they_say() -> None:
+    squares = []
+    for seed in range(12):
+        seen, truth = bent_pipe(noise=1.5, seed=seed)
+        found = ring_centres(seen)
+        squares += [float(np.sum((found[k].centre - truth[k]) ** 2) / found[k].covariance[0, 0] / 2) for k in found]
+    assert 0.3 < np.mean(squares) < 1.5
+
+
+def test_a_ring_drawn_beside_its_joint_pulls_no_centre() -> None:
+    seen, truth = bent_pipe()
+    large = max(range(len(seen)), key=lambda k: seen[k].ring.radius)
+    joint = seen[large]
+    wrong = Ring((joint.ring.centre[0] - 80, joint.ring.centre[1]), joint.ring.across + 80, joint.ring.upright, 0.5, 0.8, 1.0)
+    found = ring_centres([*seen[:large], replace(joint, ring=wrong), *seen[large + 1 :]])
+    others = [k for k in truth if k != joint.picture and sum(one.picture == k for one in seen) == 2]
+    assert all(np.hypot(*(found[k].centre - truth[k])) < 5 for k in others)
+
+
+def test_one_ring_of_another_pipe_says_next_to_nothing() -> None:
+    assert ring_centres([]) == {}
+    view = ring_centres([JointRing(0, 3, 4, ring(40, (300, 200)))])[0]
+    assert np.sqrt(view.covariance[0, 0]) > 50
 
 
 def drive(
