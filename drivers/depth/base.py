@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base import BadFrame
+from drivers.stream_settings import StreamSettings
 from estimators.pinhole import Intrinsics
 
 STEREO_SCALE_STD = 0.004
@@ -37,30 +38,11 @@ class DepthFrame:
 
 
 @dataclass(frozen=True)
-class DepthSettings:
-    """What is asked of a depth camera. A camera that cannot do all of it does less and says so in ``DepthCamera.notice``.
+class DepthSettings(StreamSettings):
+    """What is asked of a depth camera, with or without ``color``. A camera that cannot do all of it does less and says so in
+    ``DepthCamera.notice``."""
 
-    ``fps`` in 1/s; ``emitter`` is the infrared dot projector; ``exposure_us`` of the infrared pair in microseconds, None for
-    automatic; ``laser_power`` as a share 0..1 of the projector's range, None for the camera's default; ``serial`` picks one of
-    several cameras.
-    """
-
-    width: int = 848
-    height: int = 480
-    fps: int = 30
     color: bool = True
-    emitter: bool = True
-    exposure_us: int | None = None
-    laser_power: float | None = None
-    serial: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1 or self.fps < 1:
-            raise ValueError(f"a depth camera cannot stream {self.width} x {self.height} at {self.fps} frames a second")
-        if self.exposure_us is not None and self.exposure_us < 1:
-            raise ValueError(f"exposure must be a positive number of microseconds, got {self.exposure_us}")
-        if self.laser_power is not None and not 0.0 <= self.laser_power <= 1.0:
-            raise ValueError(f"laser power must be between 0 and 1, got {self.laser_power}")
 
 
 class DepthCamera(ABC):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base import BadFrame
+from drivers.stream_settings import StreamSettings
 from estimators.pinhole import Intrinsics
 
 
@@ -34,29 +35,13 @@ class StereoFrame:
 
 
 @dataclass(frozen=True)
-class PairSettings:
-    """What is asked of a live stereo camera. One that cannot do all of it does less and says so in ``StereoCamera.notice``.
-
-    ``fps`` in pairs a second: few, since a pair takes a box a second to read. ``emitter`` is the infrared dot projector;
-    ``exposure_us`` in microseconds, None for automatic; ``laser_power`` a share 0..1 of the projector's range, None for the
-    camera's default; ``serial`` picks one of several cameras.
-    """
+class PairSettings(StreamSettings):
+    """What is asked of a live stereo camera; few pairs a second, since a pair takes a box a second to read. One that cannot do
+    all of it does less and says so in ``StereoCamera.notice``."""
 
     width: int = 1280
     height: int = 720
     fps: int = 6
-    emitter: bool = True
-    exposure_us: int | None = None
-    laser_power: float | None = None
-    serial: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1 or self.fps < 1:
-            raise ValueError(f"a stereo camera cannot stream {self.width} x {self.height} at {self.fps} pairs a second")
-        if self.exposure_us is not None and self.exposure_us < 1:
-            raise ValueError(f"exposure must be a positive number of microseconds, got {self.exposure_us}")
-        if self.laser_power is not None and not 0.0 <= self.laser_power <= 1.0:
-            raise ValueError(f"laser power must be between 0 and 1, got {self.laser_power}")
 
 
 class StereoCamera(ABC):

@@ -21,6 +21,7 @@ from drivers.depth.depthai_rs.devices import option_range
 from drivers.depth.depthai_rs.frames import composite_frame, frame, stream_profile
 from drivers.depth.depthai_rs.lens import extrinsics, intrinsics
 from drivers.depth.depthai_rs.names import camera_info, distortion, format, option, stream
+from drivers.depth.depthai_rs.profile import pipeline_profile
 from drivers.virtual.color import Painter
 from drivers.virtual.demo import DemoRig
 from drivers.virtual.faults import FaultScript
@@ -202,25 +203,6 @@ class Sensor:
         self._owner.camera.options[wanted] = float(value)
 
 
-class PipelineProfile:
-    """The device and the streams of a running pipeline."""
-
-    def __init__(self, owner: Device, streams: list[stream_profile]) -> None:
-        self._owner, self._streams = owner, streams
-
-    def get_device(self) -> Device:
-        return self._owner
-
-    def get_streams(self) -> list[stream_profile]:
-        return list(self._streams)
-
-    def get_stream(self, kind: stream, index: int = -1) -> stream_profile:
-        for found in self._streams:
-            if found.stream_type() is kind and index in (-1, 0, found.stream_index()):
-                return found
-        raise RuntimeError("Profile does not contain the requested stream")
-
-
 class Pipeline:
     """The streams of one camera."""
 
@@ -228,7 +210,7 @@ class Pipeline:
         self._bus = bus
         self._running: _Running | None = None
 
-    def start(self, wanted: config | None = None) -> PipelineProfile:
+    def start(self, wanted: config | None = None) -> pipeline_profile[Device]:
         """Raises RuntimeError: "No device connected", "Couldn't resolve requests"."""
         if self._running is not None:
             raise RuntimeError("start() cannot be called before stop()")
@@ -240,14 +222,14 @@ class Pipeline:
         self._running = _Running(profile)
         return profile
 
-    def resolve(self, wanted: config) -> PipelineProfile:
+    def resolve(self, wanted: config) -> pipeline_profile[Device]:
         """What ``start`` would run."""
         for camera in self._bus.found():
             if wanted.serial in (None, camera.serial):
                 return _resolved(camera, wanted)
         raise RuntimeError("No device connected")
 
-    def get_active_profile(self) -> PipelineProfile:
+    def get_active_profile(self) -> pipeline_profile[Device]:
         return self._started("get_active_profile").profile
 
     def wait_for_frames(self, timeout_ms: int = 5000) -> composite_frame:
@@ -275,14 +257,14 @@ class Pipeline:
         return self._running
 
 
-def _resolved(camera: VirtualCamera, wanted: config) -> PipelineProfile:
+def _resolved(camera: VirtualCamera, wanted: config) -> pipeline_profile[Device]:
     requests = list(wanted.requests.values()) or [StreamRequest(stream.depth), StreamRequest(stream.color)]
     profiles = [
         _profile(camera, request) for request in requests if camera.painter or request.kind is stream.depth or wanted.requests
     ]
     if len({(profile.width(), profile.height()) for profile in profiles}) != 1:
         raise RuntimeError("Couldn't resolve requests")
-    return PipelineProfile(Device(camera), profiles)
+    return pipeline_profile(Device(camera), profiles)
 
 
 def _profile(camera: VirtualCamera, request: StreamRequest) -> stream_profile:
@@ -303,7 +285,7 @@ _SAME_PLACE = extrinsics([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.
 class _Running:
     """Started streams. One thread waits for frames, any other may stop them."""
 
-    def __init__(self, profile: PipelineProfile) -> None:
+    def __init__(self, profile: pipeline_profile[Device]) -> None:
         self.profile = profile
         self._owner = profile.get_device()
         self._camera = self._owner.camera

@@ -11,7 +11,8 @@ from drivers.depth.depthai_rs.devices import context, device, sensor
 from drivers.depth.depthai_rs.frames import composite_frame, frame, stream_profile
 from drivers.depth.depthai_rs.lens import extrinsics, intrinsics
 from drivers.depth.depthai_rs.names import camera_info, distortion, format, option, stream
-from drivers.depth.depthai_rs.pipelines import pipeline, pipeline_profile
+from drivers.depth.depthai_rs.pipelines import pipeline
+from drivers.depth.depthai_rs.profile import pipeline_profile
 
 __all__ = [
     "align",

@@ -12,27 +12,9 @@ from drivers.depth.depthai_rs.frames import composite_frame, frame, frame_of, st
 from drivers.depth.depthai_rs.graph import Graph, Plan, PlannedStream, build_graph, plan_streams
 from drivers.depth.depthai_rs.lens import beside, between, extrinsics, intrinsics, lens_intrinsics, rectified_intrinsics
 from drivers.depth.depthai_rs.names import stream
+from drivers.depth.depthai_rs.profile import pipeline_profile
 
 _LEFT, _RIGHT = (stream.infrared, 1), (stream.infrared, 2)
-
-
-class pipeline_profile:
-    """The device and the streams of a running pipeline."""
-
-    def __init__(self, owner: device, streams: list[stream_profile]) -> None:
-        self._owner, self._streams = owner, streams
-
-    def get_device(self) -> device:
-        return self._owner
-
-    def get_streams(self) -> list[stream_profile]:
-        return list(self._streams)
-
-    def get_stream(self, kind: stream, index: int = -1) -> stream_profile:
-        for found in self._streams:
-            if found.stream_type() is kind and index in (-1, 0, found.stream_index()):
-                return found
-        raise RuntimeError("Profile does not contain the requested stream")
 
 
 class pipeline:
@@ -42,7 +24,7 @@ class pipeline:
         self._context = ctx
         self._running: _Running | None = None
 
-    def start(self, wanted: config | None = None) -> pipeline_profile:
+    def start(self, wanted: config | None = None) -> pipeline_profile[device]:
         """Boot the device and start the streams. Raises RuntimeError: "No device connected", "Couldn't resolve requests"."""
         if self._running is not None:
             raise RuntimeError("start() cannot be called before stop()")
@@ -51,7 +33,7 @@ class pipeline:
         self._running = _Running(self._context, wanted or config())
         return self._running.profile
 
-    def resolve(self, wanted: config) -> pipeline_profile:
+    def resolve(self, wanted: config) -> pipeline_profile[device]:
         """What ``start`` would run. The device is booted and closed again for it."""
         if self._running is not None:
             return self._running.profile
@@ -59,7 +41,7 @@ class pipeline:
         self.stop()
         return profile
 
-    def get_active_profile(self) -> pipeline_profile:
+    def get_active_profile(self) -> pipeline_profile[device]:
         return self._started().profile
 
     def wait_for_frames(self, timeout_ms: int = 5000) -> composite_frame:
