@@ -1,0 +1,68 @@
+"""The anomaly survey and its findings."""
+
+from typing import Any, Literal
+
+from web_ui.answers.base import Answer
+from web_ui.answers.box import Prompt
+from web_ui.answers.site import Pipe
+
+
+class AnomalyLook(Answer):
+    """The stereo camera's view at a glance: `matched` and `around` are shares, `right` and `down` where the camera stands in
+    radii from the pipe's middle, `prompt` what to mend before a scan."""
+
+    age_s: float
+    level: Literal["good", "fair", "poor"]
+    matched: float
+    around: float
+    right: float | None
+    down: float | None
+    radius_mm: float | None
+    prompt: Prompt | None
+
+
+class Anomaly(Answer):
+    """The anomaly survey: the scan under way, the camera, the live state; `chainage_m` is what the tether counts."""
+
+    available: bool
+    state: str
+    survey_id: int | None
+    frames_done: int
+    frames_wanted: int
+    pairs: int
+    camera: dict[str, Any] | None
+    live: AnomalyLook | None
+    chainage_m: float | None
+
+
+class Region(Answer):
+    """A part of the wall that deviates: `peak_mm` is negative inwards; `expected` at a joint; `seen_in` how many pairs."""
+
+    area_mm2: float
+    peak_mm: float | None
+    z_m: float
+    clock: float
+    kind: str
+    expected: bool
+    confidence: float
+    chainage_m: float | None
+
+
+class AnomalyMap(Answer):
+    """The unrolled wall in few cells: rows from near to far, angles from 9 o'clock over 12 to 9; null where not measured."""
+
+    near_m: float
+    far_m: float
+    first_clock: float
+    deviation_mm: list[list[float | None]]
+
+
+class AnomalyFound(Answer):
+    """What a scan found; `map` is null where it was refused."""
+
+    survey_id: int
+    kind: str
+    state: str
+    created: str | None
+    pipe: Pipe | None
+    map: AnomalyMap | None
