@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.stereo.follow import FollowedWall
+from estimators.stereo.on_wall import windows_of
 from estimators.stereo.unrolled import Unrolled
 
 Floats = NDArray[np.float32]
@@ -22,6 +23,8 @@ ANGLES, ROWS = 540, 240
 _CLOSING_M, _CLOSING_SHARE, _CLOSING_ROWS = 0.001, 0.01, (14, 36)
 """What is off by so much (m, and share of the radius) and reaches to so many rows of the followed wall before the far end, but
 not to more than the second number of them, may belong to what closes it: windows that reach beyond the end smear it so far."""
+_KNOWN_SHARE = 0.015
+"""Where the wall's own shape is known less well than this share of its radius (standard deviation), nothing is off it."""
 _SMOOTHING = (5, 3)
 _REACH = 0.75
 """Points farther off the wall than this share of its radius are no part of it."""
@@ -43,11 +46,12 @@ class PointDeviations:
 class DeviationMap:
     """The unrolled wall: ``theta`` (A,) rad about the wall's axis, ``depth`` (Z,) m; the rest is (Z, A).
 
-    ``deviation`` (m) and ``sigma`` (m) nan where nothing was measured; ``wall`` what belongs to the wall between its ends;
-    ``hidden`` wall that nothing was measured on although the rays about it were: something stands before it. ``area`` (m2) of
-    each cell; ``radius`` (m) that the wall should have; ``gain`` by how much the patches agree better where they were found
-    than if the wall stood where it should. ``centre`` (Z, 2): where the wall's axis stands at each depth, x and y from the
-    camera's, m; None where that is the wall's.
+    ``deviation`` (m) and ``sigma`` (m), of the match and of the wall's shape together, nan where nothing was measured; ``wall``
+    what belongs to the wall between its ends; ``hidden`` wall that nothing was measured on although the rays about it were:
+    something stands before it. ``area`` (m2) of each cell; ``radius`` (m) that the wall should have; ``gain`` by how much the
+    patches agree better where they were found than if the wall stood where it should; ``patch`` (m2) the wall that the windows
+    cover which measured it. ``centre`` (Z, 2): where the wall's axis stands at each depth, x and y from the camera's, m; None
+    where that is the wall's.
     """
 
     theta: NDArray[np.float64]
@@ -59,6 +63,7 @@ class DeviationMap:
     area: Floats
     radius: Floats
     gain: Floats
+    patch: Floats
     centre: NDArray[np.float64] | None = None
 
     @property
@@ -110,8 +115,12 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
     total = np.bincount(place, weight, cells)
     count = np.bincount(place, minlength=cells)
     value = np.bincount(place, weight * points.deviation[again][measured], cells)
-    gain = np.bincount(place, weight * followed.gain[again][measured], cells)
-    gain = np.divide(gain, total, out=np.zeros(cells), where=total > 0).reshape(ROWS, ANGLES)
+    gain, patch = (
+        np.divide(np.bincount(place, weight * values[again][measured], cells), total, out=np.zeros(cells), where=total > 0)
+        .reshape(ROWS, ANGLES)
+        .astype(np.float32)
+        for values in (followed.gain, _patch_areas(followed))
+    )
     # the cells of one window share their error: means over a few of them are no surer than one
     spread = np.sqrt(np.divide(count, total, out=np.full(cells, np.nan), where=total > 0))
     deviation = np.divide(value, total, out=np.full(cells, np.nan), where=total > 0).reshape(ROWS, ANGLES).astype(np.float32)
@@ -127,6 +136,10 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
     closing = what_closes(deviation, inside, grid.row_of(depth), least)
     deviation[closing], sigma[closing] = np.nan, np.nan
     radius = wall.radius(theta, np.broadcast_to(depth[:, None], (ROWS, ANGLES)))
+    shape_std = wall.radius_std(theta, depth)
+    sigma = np.hypot(sigma, shape_std).astype(np.float32)
+    unknown = shape_std > _KNOWN_SHARE * radius
+    deviation[unknown], sigma[unknown] = np.nan, np.nan
     area = np.maximum(radius, 0.0) * (2 * np.pi / ANGLES) * step
     return DeviationMap(
         theta,
@@ -137,9 +150,18 @@ def deviation_map(followed: FollowedWall, points: PointDeviations) -> DeviationM
         hidden,
         area.astype(np.float32),
         radius.astype(np.float32),
-        gain.astype(np.float32),
+        gain,
+        patch,
         np.stack(wall.axis.at(depth), axis=1),
     )
+
+
+def _patch_areas(followed: FollowedWall) -> Floats:
+    """Wall (m2) that the window covers which answered for each cell (Z, A)."""
+    grid = followed.grid
+    cell = grid.cell[0] * grid.cell[1] * grid.depth * float(np.median(followed.wall.coefficients[0]))
+    sizes = np.asarray([across * along for across, along in windows_of(grid)], dtype=np.float32)
+    return np.asarray(sizes[followed.match.window] * cell[:, None].astype(np.float32), dtype=np.float32)
 
 
 def _along_each(grid: Unrolled, step: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

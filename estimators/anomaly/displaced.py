@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimators.anomaly.deviation import DeviationMap
 from estimators.anomaly.joints import Joint
+from estimators.anomaly.rows import row_medians
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ _ALL_AROUND = 0.5
 """Share of what changes at the place that a shift of the whole ring must explain: a deposit that begins there is none."""
 _SAME_M = 0.06
 """A ring and a displacement this near to each other are one joint."""
+_THIRD = 3
+"""Of the map's angles so many make one for a ring's shift: a window of the match covers more of them."""
 
 
 def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
@@ -38,7 +41,7 @@ def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
     neither ``gap`` nor ``step`` (nan)."""
     shift = ring_shifts(found)
     guard = _guard(found)
-    jumps = np.array([_jump(found.depth, shift, row, guard, guard)[0] for row in range(len(found.depth))])
+    jumps = _jumps(found.depth, shift, np.arange(len(found.depth)), guard, guard)[0]
     size = np.hypot(jumps[:, 0], jumps[:, 1])
     known = np.isfinite(size)
     if not known.any():
@@ -49,7 +52,7 @@ def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
         depth = float(found.depth[row])
         # the side that stands back behind the edge is hidden by it for so long
         hidden = float(size[row]) * depth / radius
-        jump, sigma = _jump(found.depth, shift, row, guard, guard + hidden)
+        (jump,), (sigma,) = _jumps(found.depth, shift, np.array([row]), guard, guard + hidden)
         offset = float(np.hypot(*jump))
         # elsewhere: the lines beside this very place reach so far; the median of two parts of noise is 1.18 sigma
         elsewhere = size[known & (np.abs(found.depth - depth) > guard + _REACH_M)]
@@ -70,22 +73,20 @@ def ring_shifts(found: DeviationMap) -> Floats:
 
     A curve r(theta) that is shifted by (x, y) changes by x (cos + r'/r sin) + y (sin - r'/r cos) to first order.
     """
-    design = _design(found)
-    measured = found.measured
-    deviation = np.nan_to_num(found.deviation).astype(np.float64)
+    design = _design(found)[:, _THIRD // 2 :: _THIRD]
+    part = found.deviation[:, _THIRD // 2 :: _THIRD].astype(np.float64)
+    measured, deviation = np.isfinite(part), np.nan_to_num(part)
+    turned = design.transpose(0, 2, 1)
     weight = measured.astype(np.float64)
-    solution = np.zeros((len(found.depth), 3))
+    solution: Floats = np.zeros((len(found.depth), 3, 1))
     for _ in range(6):
-        normal = np.einsum("za,zai,zaj->zij", weight, design, design) + 1e-9 * np.eye(3)
-        solution = np.linalg.solve(normal, np.einsum("za,zai,za->zi", weight, design, deviation)[..., None])[..., 0]
-        off = np.abs(deviation - np.einsum("zai,zi->za", design, solution))
-        scale = [
-            max(1.4826 * float(np.median(row[there])), _EVEN_M) if there.any() else 1.0
-            for row, there in zip(off, measured, strict=True)
-        ]
-        weight = measured / (1.0 + (off / (2 * np.array(scale)[:, None])) ** 2)
-    known = measured.mean(axis=1) > _AROUND
-    return np.where(known[:, None], solution[:, 1:], np.nan)
+        weighted = turned * weight[:, None]
+        solution[:] = np.linalg.solve(weighted @ design + 1e-9 * np.eye(3), weighted @ deviation[..., None])
+        off = np.abs(deviation - (design @ solution)[..., 0])
+        scale = np.maximum(1.4826 * np.nan_to_num(row_medians(np.where(measured, off, np.nan)), nan=1.0), _EVEN_M)
+        weight = measured / (1.0 + (off / (2 * scale[:, None])) ** 2)
+    known = found.measured.mean(axis=1) > _AROUND
+    return np.where(known[:, None], solution[:, 1:, 0], np.nan)
 
 
 def _design(found: DeviationMap) -> Floats:
@@ -97,20 +98,27 @@ def _design(found: DeviationMap) -> Floats:
     return np.stack([np.ones_like(radius), cosine + turn * sine, sine - turn * cosine], axis=-1)
 
 
-def _jump(depth: Floats, shift: Floats, row: int, before: float, behind: float) -> tuple[Floats, float]:
-    """((2,) m, sigma): what is missing at a depth between the line through the shifts before it and the one through those
-    behind it, each from so far (m) on; nan where either cannot be told."""
-    ends = []
+def _jumps(depth: Floats, shift: Floats, rows: NDArray[np.intp], before: float, behind: float) -> tuple[Floats, Floats]:
+    """((R, 2) m, sigma (R,)): what is missing at the depths of ``rows`` between the line through the shifts before each and the
+    one through those behind it, each from so far (m) on; nan where either cannot be told."""
+    away = depth - depth[rows, None]
+    known = np.isfinite(shift[:, 0])
+    there = np.where(known[:, None], shift, 0.0)
+    ends, errors = [], []
     for sign, guard in ((-1.0, before), (1.0, behind)):
-        way = sign * (depth - depth[row])
-        side = (way >= guard) & (way <= guard + _REACH_M) & np.isfinite(shift[:, 0])
-        if side.sum() < _LEAST_SIDE or np.ptp(depth[side]) < 0.6 * _REACH_M:
-            return np.full(2, np.nan), float("nan")
-        line = np.stack([np.ones(side.sum()), depth[side] - depth[row]], axis=1)
-        fitted = np.linalg.lstsq(line, shift[side], rcond=None)[0]
-        rest = float(np.sqrt(np.mean((shift[side] - line @ fitted) ** 2)))
-        ends.append((fitted[0], rest * float(np.sqrt(np.linalg.inv(line.T @ line)[0, 0]))))
-    return np.asarray(ends[1][0] - ends[0][0]), float(np.hypot(ends[0][1], ends[1][1]))
+        side = known & (sign * away >= guard) & (sign * away <= guard + _REACH_M)
+        x = np.where(side, away, 0.0)
+        count, total, square = side.sum(axis=1), x.sum(axis=1), (x * x).sum(axis=1)
+        reach = np.where(side, away, -np.inf).max(axis=1) - np.where(side, away, np.inf).min(axis=1)
+        told = (count >= _LEAST_SIDE) & (reach >= 0.6 * _REACH_M)
+        determinant = np.where(told, count * square - total**2, np.nan)
+        values, along = side @ there, x @ there
+        start = (square[:, None] * values - total[:, None] * along) / determinant[:, None]
+        slope = (count[:, None] * along - total[:, None] * values) / determinant[:, None]
+        rest = (side @ there**2 - start * values - slope * along).sum(axis=1) / (2 * np.maximum(count, 1))
+        ends.append(start)
+        errors.append(np.sqrt(np.maximum(rest, 0.0) * square / determinant))
+    return np.asarray(ends[1] - ends[0]), np.hypot(*errors)
 
 
 def _explained(found: DeviationMap, row: int, jump: Floats, before: float, behind: float) -> float:

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from estimators.anomaly.deviation import DeviationMap, Floats, smoothed
 from estimators.anomaly.joints import Joint
+from estimators.anomaly.rows import row_medians
 
 _LEAST_M, _LEAST_SHARE = 0.004, 0.012
 """Smallest deviation that begins a region: 4 mm, or this share of the radius."""
@@ -21,6 +22,8 @@ _GROWN = 0.5
 """A region grows down to this share of what begins one."""
 _LEAST_AREA_M2 = 4e-4
 """Less than one small window of the match covers in a common pipe: what is smaller is one window's error."""
+_LEAST_PATCH = 0.4
+"""Share of the windows that measured it which a region must fill: less is what one patch of the pictures says alone."""
 _LEAST_CELLS = 6
 _LEAST_GAIN = 0.08
 """A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was misread,
@@ -77,7 +80,8 @@ def find_regions(found: DeviationMap, joints: list[Joint]) -> list[Region]:
         for label in np.flatnonzero(seeded):
             cells = order[starts[label] : starts[label + 1]]
             area = float(found.area.ravel()[cells].sum())
-            if area < _LEAST_AREA_M2 or len(cells) < _LEAST_CELLS or found.gain.ravel()[cells].mean() < _LEAST_GAIN:
+            least = max(_LEAST_AREA_M2, _LEAST_PATCH * float(found.patch.ravel()[cells].mean()))
+            if area < least or len(cells) < _LEAST_CELLS or found.gain.ravel()[cells].mean() < _LEAST_GAIN:
                 continue
             regions.append(_region(found, smooth, sigma, cells, area, sign, joints))
     return sorted(regions, key=lambda region: -abs(region.volume))
@@ -92,11 +96,8 @@ def anomalous_share(found: DeviationMap, regions: list[Region]) -> float:
 
 def _threshold(found: DeviationMap, smooth: Floats, sigma: Floats) -> Floats:
     """What begins a region, for each cell: well above the roughness of the wall at that depth, and above its own noise."""
-    rows = np.full(len(found.depth), np.nan)
-    for row, values in enumerate(smooth):
-        known = np.abs(values[np.isfinite(values)])
-        if len(known) >= 20:
-            rows[row] = 1.4826 * np.median(known)
+    known = np.isfinite(smooth).sum(axis=1)
+    rows = np.where(known >= 20, 1.4826 * row_medians(np.abs(smooth)), np.nan)
     if np.isnan(rows).all():
         return np.full(smooth.shape, np.inf, dtype=np.float32)
     rows = np.where(np.isnan(rows), np.nanmedian(rows), rows)

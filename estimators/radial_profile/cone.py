@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.radial_profile.fit import Wall
-from estimators.radial_profile.model import Array, profile_at
+from estimators.radial_profile.model import Array, profile_rows
 
 TAPER = 0.012
 """Relative change of a sound pipe's radius per metre (standard deviation), as two ends of the same pipes show it: a pair that
@@ -35,12 +35,10 @@ class Apex:
 
 def apex(wall: Wall, seen: Array) -> Apex:
     """The apex of a wall fitted under any offset, from the angles ``seen`` (rad), at least eight of them."""
-    turns = [_solve(wall, wall.coefficients, seen)]
     step = np.linalg.cholesky(wall.covariance + 1e-18 * np.eye(len(wall.covariance)))
-    for column in step.T:  # the answer hardly bends within the noise: one step along each axis of the covariance
-        turns.append(_solve(wall, wall.coefficients + column, seen))
-    found = turns[0]
-    spread = float(np.sqrt(sum((other[2] - found[2]) ** 2 for other in turns[1:])))
+    # the answer hardly bends within the noise: one step along each axis of the covariance
+    found, *others = _solved(wall, np.vstack([wall.coefficients, wall.coefficients + step.T]), seen)
+    spread = float(np.sqrt(sum((other[2] - found[2]) ** 2 for other in others)))
     return Apex(float(found[0]), float(found[1]), (wall.rig.offset_px or 0.0) + float(found[2]), spread)
 
 
@@ -51,15 +49,14 @@ def own_offset_std(found: Apex, wall: Wall, around: float) -> float:
     return float(np.hypot(found.offset_std_px, taper))
 
 
-def _solve(wall: Wall, coefficients: Array, seen: Array) -> Array:
-    constant, slope = profile_at(coefficients, seen)
-    rows = np.stack([np.cos(seen), np.sin(seen), -constant / wall.rig.baseline_m], axis=1)
-    solution = np.linalg.lstsq(rows, wall.rig.focal_px * slope, rcond=None)[0]
-    axis, turned = wall.axis, float(solution[2]) / wall.rig.baseline_m
-    return np.array(
-        [
-            solution[0] + wall.rig.focal_px * axis.right + axis.x * turned,
-            solution[1] + wall.rig.focal_px * axis.down + axis.y * turned,
-            solution[2],
-        ]
-    )
+def _solved(wall: Wall, coefficients: Array, seen: Array) -> Array:
+    """(N, 3): place of the apex and offset error (px) for each of ``coefficients`` (N, 2 + 4 K)."""
+    still, sloping = profile_rows(seen, wall.harmonics)
+    constant, slope = coefficients @ still.T, coefficients @ sloping.T
+    around = np.broadcast_to(np.stack([np.cos(seen), np.sin(seen)], axis=-1), (*constant.shape, 2))
+    rows = np.concatenate([around, -constant[..., None] / wall.rig.baseline_m], axis=-1)
+    turned = rows.transpose(0, 2, 1)
+    solution = np.linalg.solve(turned @ rows, turned @ (wall.rig.focal_px * slope[..., None]))[..., 0]
+    axis, turn = wall.axis, solution[:, 2] / wall.rig.baseline_m
+    middle = wall.rig.focal_px * axis.right + axis.x * turn, wall.rig.focal_px * axis.down + axis.y * turn
+    return np.column_stack([solution[:, 0] + middle[0], solution[:, 1] + middle[1], solution[:, 2]])

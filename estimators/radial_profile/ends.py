@@ -31,14 +31,13 @@ class Ends:
 
 def longest_run(good: NDArray[np.bool_], gap: int = 0) -> tuple[int, int]:
     """(start, end) of the longest run of True, which may hold gaps up to ``gap`` long; (0, 0) where there is none."""
-    best, start, previous = (0, 0), None, None
-    for place in np.flatnonzero(good):
-        if start is None or previous is None or place - previous - 1 > gap:
-            start = place
-        previous = place
-        if place + 1 - start > best[1] - best[0]:
-            best = int(start), int(place) + 1
-    return best
+    places = np.flatnonzero(good)
+    if not len(places):
+        return 0, 0
+    broken = np.flatnonzero(np.diff(places) > gap + 1)
+    starts, stops = places[np.r_[0, broken + 1]], places[np.r_[broken, len(places) - 1]] + 1
+    longest = int(np.argmax(stops - starts))
+    return int(starts[longest]), int(stops[longest])
 
 
 def wall_ends(on: NDArray[Any], off: NDArray[Any], seen: NDArray[np.bool_], margin: int) -> Ends | None:

@@ -21,6 +21,7 @@ from estimators.radial_profile.model import (
     harmonics_of,
     parameters,
     profile_at,
+    profile_rows,
     recentred,
 )
 from estimators.stereo.rig import StereoRig
@@ -87,6 +88,17 @@ class Wall:
         """Radius (m) that the wall has at angles and depths about its axis."""
         constant, slope = self.profile(theta)
         return constant + slope * z
+
+    def radius_std(self, theta: Array, z: Array) -> Array:
+        """(Z, A): how well that radius (m) is known at depths (Z,) and angles (A,), by the covariance: badly where no wall
+        was seen."""
+        still, sloping = profile_rows(theta, self.harmonics)
+        q, r, s = (
+            np.einsum("ai,ij,aj->a", one, self.covariance, other)
+            for one, other in ((still, still), (still, sloping), (sloping, sloping))
+        )
+        z = z[:, None]
+        return np.asarray(np.sqrt(np.maximum(q + 2 * z * r + z * z * s, 0.0)), dtype=np.float64)
 
     def about(self, u: NDArray[np.floating], v: NDArray[np.floating], z: NDArray[np.floating]) -> tuple[Array, Array]:
         """(theta, radius) about the axis of points at depths ``z`` (m) on the rays (u, v) = (X/Z, Y/Z)."""

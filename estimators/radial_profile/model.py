@@ -76,6 +76,16 @@ def profile_at(coefficients: Array, theta: Array) -> tuple[Array, Array]:
     return constant, slope
 
 
+def profile_rows(theta: Array, harmonics: int) -> tuple[Array, Array]:
+    """Rows (N, 2 + 4 K) that tell ``profile_at`` angles (N,) from coefficients, for its constant and for its slope."""
+    both = design(theta, np.ones_like(theta), harmonics)
+    sloping = np.zeros(both.shape[1], dtype=bool)
+    sloping[1] = True
+    for k in range(1, harmonics + 1):
+        sloping[4 * k : 4 * k + 2] = True
+    return np.where(sloping, 0.0, both), np.where(sloping, both, 0.0)
+
+
 def recentred(coefficients: Array, axis: Axis) -> tuple[Array, Axis]:
     """The same wall, to first order, about an axis that takes over its first harmonic."""
     if harmonics_of(coefficients) < 1:

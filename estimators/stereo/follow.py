@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from estimators.radial_profile.cone import Apex, apex, own_offset_std
 from estimators.radial_profile.ends import Ends, wall_ends
 from estimators.radial_profile.fit import MAX_HARMONICS, UNEVEN, Wall, WallPoints, refine_wall, search_wall
+from estimators.radial_profile.model import CAMERA_AXIS, Axis
 from estimators.stereo.coarse import CoarseMatch, coarse_match
 from estimators.stereo.on_wall import (
     OUTSIDE,
@@ -47,6 +48,9 @@ _MARGIN_ROWS = 12
 _LEAST_MATCHED, _LEAST_AGREED, _LEAST_TRUSTED, _LEAST_ON_WALL = 0.10, 0.25, 0.20, 0.55
 _LEAST_AROUND = 0.5
 _LEAST_LENGTH = 0.25
+_TOLD = 0.25
+"""Share of the band that must be in the picture at an angle for the wall to be fitted there: of less, the picture's edge leaves
+the far end alone, and what closes the pipe passes for wall."""
 _MOST_PASSES, _MOVED = 4, 0.05
 """Passes over the wall: coarse ones to find it, until an offset that is looked for moves its depths by no more than this share
 of them, and a last one, fine, to measure it."""
@@ -121,11 +125,12 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     """Find the wall in a rectified grey pair (H, W). Raises Refused. Without an offset in ``rig``, or where it contradicts the
     wall, the pair finds its own: the rig of the wall that is found tells."""
     coarse = coarse_match(left, right, rig)
-    wall = _coarse_wall(coarse, rig, rng)
+    points = _coarse_points(coarse, rig, rng)
+    wall = _coarse_wall(points, rig, rng)
     own_offset = rig.offset_px is None
     if own_offset:
-        rig = rig.with_offset(apex(wall, _angles(coarse)).offset_px)
-        wall = _coarse_wall(coarse, rig, rng)
+        wall = _coarse_again(points, reread(wall, rig.with_offset(apex(wall, _angles(coarse)).offset_px)))
+        rig = wall.rig
     nearest, farthest = _coarse_band(coarse, wall)
     height, width = left.shape
     pair = even_pair(left, right)
@@ -134,15 +139,14 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     coarse_passes = 1
     for turn in range(_MOST_PASSES):
         last = turn == coarse_passes
-        grid = unroll(wall, nearest, farthest, *((ANGLES, ROWS) if last else (ANGLES // 2, ROWS // 2)))
+        grid = unroll(wall, nearest, farthest, ANGLES // 2, ROWS // 2)
         start = _from_coarse(coarse, grid) if earlier is None else _carried(*earlier, grid)
         start = _better_start(pair, grid, start, misfit, width, height)
         if last:
-            half = unroll(wall, nearest, farthest, ANGLES // 2, ROWS // 2)
-            known = cv2.resize(start, (ANGLES // 2, ROWS // 2), interpolation=cv2.INTER_AREA)
-            rough = _from_coarse(coarse, half, smooth=3)
-            swept = sweep(pair, half, np.asarray(known, np.float32), misfit, width, height, rig.offset_px or 0.0, (rough,))
+            rough = _from_coarse(coarse, grid, smooth=3)
+            swept = sweep(pair, grid, start, misfit, width, height, rig.offset_px or 0.0, (rough,))
             start = np.asarray(cv2.resize(swept, (ANGLES, ROWS), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+            grid = unroll(wall, nearest, farthest)
         match = match_on_wall(pair, grid, start, misfit, width, height, rig.offset_px or 0.0)
         if turn == 0:
             misfit = row_misfit(pair, grid, match.shift, misfit, width, height)
@@ -226,7 +230,8 @@ def _angles(coarse: CoarseMatch) -> NDArray[np.float64]:
     return np.asarray((np.flatnonzero(counts > 5) + 0.5) * (np.pi / 180) - np.pi, dtype=np.float64)
 
 
-def _coarse_wall(coarse: CoarseMatch, rig: StereoRig, rng: np.random.Generator) -> Wall:
+def _coarse_points(coarse: CoarseMatch, rig: StereoRig, rng: np.random.Generator) -> WallPoints:
+    """Some of what rises like a wall."""
     rising = np.flatnonzero(coarse.rising.ravel())
     if np.isfinite(coarse.disparity).mean() < _LEAST_MATCHED:
         raise Refused("no_match")
@@ -236,14 +241,28 @@ def _coarse_wall(coarse: CoarseMatch, rig: StereoRig, rng: np.random.Generator) 
     theta, rho, disparity = (
         values.ravel()[chosen].astype(np.float64) for values in (coarse.theta, coarse.rho, coarse.disparity)
     )
-    unit = rig.intrinsics.width / 1920
-    points = WallPoints(theta, rho, disparity, np.full(len(theta), 0.3 * unit))
+    return WallPoints(theta, rho, disparity, np.full(len(theta), 0.3 * rig.intrinsics.width / 1920))
+
+
+def _coarse_wall(points: WallPoints, rig: StereoRig, rng: np.random.Generator) -> Wall:
     found = search_wall(points, rig, rng)
     if found is None or found[1] < _LEAST_AGREED:
         raise Refused("no_wall")
+    # in steps: each fit shows the next one which points belong to the wall
+    return _coarse_fit(points, found[0], rig, _COARSE_HARMONICS)
+
+
+def _coarse_again(points: WallPoints, wall: Wall) -> Wall:
+    """The coarse wall under another offset: eq. 17 fits it as well, so nothing has to be searched again."""
+    return _coarse_fit(points, wall.coefficients, wall.rig, (wall.harmonics,), wall.axis)
+
+
+def _coarse_fit(
+    points: WallPoints, start: NDArray[np.float64], rig: StereoRig, counts: tuple[int, ...], axis: Axis = CAMERA_AXIS
+) -> Wall:
+    unit = rig.intrinsics.width / 1920
     try:
-        # in steps: each fit shows the next one which points belong to the wall
-        return refine_wall(points, found[0], rig, _COARSE_HARMONICS, 3.0 * unit, len(theta) / _SHARED, 0.7 * unit)
+        return refine_wall(points, start, rig, counts, 3.0 * unit, len(points.theta) / _SHARED, 0.7 * unit, axis)
     except np.linalg.LinAlgError as error:
         raise Refused("no_wall") from error
 
@@ -332,7 +351,8 @@ def _ends(grid: Unrolled, match: WallMatch, disparity: Floats, wall: Wall) -> En
 
 def _fine_wall(grid: Unrolled, match: WallMatch, disparity: Floats, ends: Ends, start: Wall, counts: tuple[int, ...]) -> Wall:
     """The wall through the means of blocks of cells, each about a window: what their cells know beyond that they share."""
-    trusted = (match.trusted & ends.inside).astype(np.float32)
+    told = grid.seen[ends.first : ends.last].mean(axis=0) >= _TOLD
+    trusted = (match.trusted & ends.inside & told).astype(np.float32)
     if np.count_nonzero(trusted) < 500 * grid.fineness**2:
         raise Refused("too_smooth")
     share = _block_means(trusted)
@@ -377,15 +397,18 @@ def _with_offset(
     ends: Ends,
 ) -> Wall:
     """The wall again under another offset."""
-    error = offset_px - (wall.rig.offset_px or 0.0)
-    # with Z' = f b / (d - o) the same cone has the radius c + (s + c error / (f b)) Z: see cone.py
+    start = reread(wall, wall.rig.with_offset(offset_px, std_px))
+    return _fine_wall(grid, match, disparity, ends, start, (wall.harmonics,))
+
+
+def reread(wall: Wall, rig: StereoRig) -> Wall:
+    """The same disparities of a wall as depths by another offset: with Z' = f b / (d - o) the same cone has the radius
+    c + (s + c error / (f b)) Z, see cone.py."""
+    turn = ((rig.offset_px or 0.0) - (wall.rig.offset_px or 0.0)) / wall.rig.range_px_m
     constant, slope = _split(wall.coefficients)
-    turn = error / wall.rig.range_px_m
-    moved = _joined(constant, slope + constant * turn)
     old = wall.axis
     axis = replace(old, right=old.right + old.x * turn, down=old.down + old.y * turn)
-    start = replace(wall, coefficients=moved, rig=wall.rig.with_offset(offset_px, std_px), axis=axis)
-    return _fine_wall(grid, match, disparity, ends, start, (wall.harmonics,))
+    return replace(wall, coefficients=_joined(constant, slope + constant * turn), rig=rig, axis=axis)
 
 
 def _split(coefficients: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

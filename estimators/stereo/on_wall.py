@@ -23,8 +23,6 @@ _DARK = 4.0
 WINDOWS = (17, 5), (27, 11), (41, 21)
 """Windows, in cells of the finest grid: around the pipe, along it. The smallest whose texture carries the shift answers. They
 are short along it: a camera that looks along the wall sees what is as long as wide foreshortened, most of all a hole."""
-_TRIED = (41, 21), (27, 11), (17, 5)
-"""Windows in which starts are compared: what a later one is sure of counts."""
 _MEDIAN = 3
 _ITERATIONS = 2
 _SWEEP = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3, -0.03, -0.06, -0.09, -0.12)
@@ -125,16 +123,15 @@ def match_on_wall(
     lift = misfit.at(grid.x, grid.y, width, height)
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
     shift, windows = start, windows_of(grid)
+    patches = _Patches(left, windows)
     for _ in range(_ITERATIONS):
-        right, along = _right(pair, grid, shift, lift)
-        tried = [_least_squares(left, right, along, own, window, pair.step) for window in windows]
+        tried = _least_squares(patches, *_right(pair, grid, shift, lift), own, pair.step)
         step = tried[-1].step
         for finer, least in zip(tried[-2::-1], _ALIKE[-2::-1], strict=True):
             step = np.where(_carries(finer, least, limit), finer.step, step)
         moved = np.clip(shift + np.clip(step, -_STEP_PX, _STEP_PX), start - _REACH_PX, start + _REACH_PX)
         shift = np.asarray(cv2.medianBlur(np.ascontiguousarray(moved, dtype=np.float32), 5), dtype=np.float32)
-    right, along = _right(pair, grid, shift, lift)
-    tried = [_least_squares(left, right, along, own, window, pair.step) for window in windows]
+    tried = _least_squares(patches, *_right(pair, grid, shift, lift), own, pair.step)
     chosen = np.full(shift.shape, len(windows), np.uint8)
     for number in reversed(range(len(windows))):
         chosen[_carries(tried[number], _ALIKE[number], limit)] = number
@@ -160,7 +157,7 @@ def likeness_at(
     answer would do."""
     lift = misfit.at(grid.x, grid.y, width, height)
     left, right = _sampled(pair.left, grid.x, grid.y, pair.step), _right(pair, grid, shift, lift)[0]
-    return [_likeness(left, right, window) for window in windows_of(grid)[first:]]
+    return [both.alike() for both in _Patches(left, windows_of(grid)[first:]).beside(right)]
 
 
 def sweep(
@@ -179,16 +176,17 @@ def sweep(
     lift = misfit.at(grid.x, grid.y, width, height)
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
     shift = grid.disparity - np.float32(offset_px)
-    tries = [_Try(left, _odd(grid, window), _independent(grid, pair)) for window in _TRIED]
+    own, windows = _independent(grid, pair), windows_of(grid)
+    patches, tries = _Patches(left, windows), [_Try(left.shape, window, own) for window in windows]
     starts = [first, np.zeros_like(first), *also]
     for number in range(len(starts) + len(_SWEEP)):
         start = starts[number] if number < len(starts) else _SWEEP[number - len(starts)] * shift
         start = np.asarray(start, dtype=np.float32)
         right = _sampled(pair.right, grid.x - grid.disparity - start, grid.y - lift, pair.step)
-        for one in tries:
-            one.put(start, right)
+        for one, both in zip(tries, patches.beside(right), strict=True):
+            one.put(start, both.alike(_PLAIN))
     found = first
-    for one in tries:
+    for one in reversed(tries):  # what a smaller patch is sure of counts
         found = np.where(one.sure, one.found, found)
     return np.asarray(cv2.medianBlur(np.ascontiguousarray(found, dtype=np.float32), _MEDIAN), dtype=np.float32)
 
@@ -196,21 +194,14 @@ def sweep(
 class _Try:
     """The best of several starts, by how well patches of one size agree. The first start is to be beaten clearly."""
 
-    def __init__(self, left: Floats, window: tuple[int, int], own: Floats) -> None:
-        self._left, self._window = left, window
-        self._mean = _blurred(left, window)
-        self._varied = _blurred(left * left, window) - self._mean * self._mean + np.float32(_PLAIN)
+    def __init__(self, shape: tuple[int, ...], window: tuple[int, int], own: Floats) -> None:
         self._ahead = np.clip(_CLEARLY / np.sqrt(window[0] * window[1] * own), *_MARGIN)
         self._first: Floats | None = None
-        self._best = np.full(left.shape, -1.0, np.float32)
-        self.found = np.zeros(left.shape, np.float32)
+        self._best = np.full(shape, -1.0, np.float32)
+        self.found = np.zeros(shape, np.float32)
 
-    def put(self, start: Floats, right: Floats) -> None:
-        """Compare with the right picture where ``start`` (px) puts the wall."""
-        other = _blurred(right, self._window)
-        spread = self._varied * (_blurred(right * right, self._window) - other * other + np.float32(_PLAIN))
-        both = _blurred(self._left * right, self._window) - self._mean * other
-        alike = np.asarray(both / np.sqrt(spread), dtype=np.float32)
+    def put(self, start: Floats, alike: Floats) -> None:
+        """How well patches agree where ``start`` (px) puts the wall."""
         if self._first is None:
             self._first = alike
         better = alike > self._best
@@ -288,6 +279,49 @@ def _blurred(values: Floats, window: tuple[int, int]) -> Floats:
 
 
 @dataclass(frozen=True)
+class _Beside:
+    """Means over the patches about each cell, for one window: of the left picture, of the right one, and of their products."""
+
+    left: Floats
+    right: Floats
+    left_square: Floats
+    right_square: Floats
+    both: Floats
+
+    def alike(self, plain: float = 0.0) -> Floats:
+        """Correlation of the patches; ``plain``: what is added to their mean squares."""
+        one = self.left_square - self.left * self.left
+        other = self.right_square - self.right * self.right
+        if plain:
+            one, other = one + np.float32(plain), other + np.float32(plain)
+        spread = np.sqrt(np.maximum(one * other, np.float32(1e-6)))
+        return np.asarray((self.both - self.left * self.right) / spread, dtype=np.float32)
+
+    @property
+    def left_over(self) -> Floats:
+        """Mean square of what differs."""
+        different = self.left_square + self.right_square - 2 * self.both
+        return np.asarray(np.maximum(different, 1e-6), dtype=np.float32)
+
+
+class _Patches:
+    """The patches of the left picture in windows of several sizes: what is asked of them again and again is kept."""
+
+    def __init__(self, left: Floats, windows: list[tuple[int, int]]) -> None:
+        square = left * left
+        self.picture, self.windows = left, windows
+        self._left = [(_blurred(left, window), _blurred(square, window)) for window in windows]
+
+    def beside(self, right: Floats) -> list[_Beside]:
+        """Beside those of the right picture, for each window."""
+        square, both = right * right, self.picture * right
+        return [
+            _Beside(left, _blurred(right, window), left_square, _blurred(square, window), _blurred(both, window))
+            for window, (left, left_square) in zip(self.windows, self._left, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
 class _Window:
     """What one window tells of every cell: the step of the shift (px), its sigma (px), how alike the patches are, and the mean
     square of the left one."""
@@ -303,23 +337,16 @@ def _carries(window: _Window, alike: float, limit: Floats) -> NDArray[np.bool_]:
     return (window.sigma <= limit) & (window.alike >= alike)
 
 
-def _least_squares(left: Floats, right: Floats, along: Floats, own: Floats, window: tuple[int, int], step: float) -> _Window:
-    """The right picture moves along its rows to meet the left. ``own``: independent values of a cell."""
-    rest = left - right
-    energy = _blurred(along * along, window) + np.float32(1e-5)
-    move = -_blurred(along * rest, window) / energy * step
-    texture = _blurred(left * left, window)
-    alike = _likeness(left, right, window)
-    left_over = np.maximum(_blurred(rest * rest, window), 1e-6)
-    # of the gradients only the part that both pictures share is texture, the rest is noise that fits nothing
-    shared = energy * np.clip(alike, 0.05, 1.0)
-    sigma = np.sqrt(left_over / (shared * (window[0] * window[1] * own))) * step
-    return _Window(np.asarray(move, np.float32), np.asarray(sigma, np.float32), alike, texture)
-
-
-def _likeness(left: Floats, right: Floats, window: tuple[int, int]) -> Floats:
-    """Correlation of the patches about each cell."""
-    mean_left, mean_right = _blurred(left, window), _blurred(right, window)
-    one, other = _blurred(left * left, window) - mean_left**2, _blurred(right * right, window) - mean_right**2
-    both = _blurred(left * right, window) - mean_left * mean_right
-    return np.asarray(both / np.sqrt(np.maximum(one * other, 1e-6)), dtype=np.float32)
+def _least_squares(patches: _Patches, right: Floats, along: Floats, own: Floats, step: float) -> list[_Window]:
+    """The right picture moves along its rows to meet the left, in each window. ``own``: independent values of a cell."""
+    steep, pulled = along * along, along * (right - patches.picture)
+    answers = []
+    for window, both in zip(patches.windows, patches.beside(right), strict=True):
+        energy = _blurred(steep, window) + np.float32(1e-5)
+        alike = both.alike()
+        # of the gradients only the part that both pictures share is texture, the rest is noise that fits nothing
+        shared = energy * np.clip(alike, np.float32(0.05), np.float32(1.0))
+        sigma = np.sqrt(both.left_over / (shared * (own * np.float32(window[0] * window[1])))) * np.float32(step)
+        move = _blurred(pulled, window) / energy * np.float32(step)
+        answers.append(_Window(move, np.asarray(sigma, np.float32), alike, both.left_square))
+    return answers

@@ -36,7 +36,9 @@ def deposit_map() -> DeviationMap:
     shape = np.ones((240, 540), np.float32)
     wall = np.ones((240, 540), bool)
     wall[-12:] = False
-    return DeviationMap(theta, depth, deviation, 0.001 * shape, wall, hidden, 1e-5 * shape, 0.2 * shape, 0.1 * shape)
+    return DeviationMap(
+        theta, depth, deviation, 0.001 * shape, wall, hidden, 1e-5 * shape, 0.2 * shape, 0.1 * shape, 2e-4 * shape
+    )
 
 
 def pair_result(**other: Any) -> Json:

@@ -19,6 +19,7 @@ from estimators.anomaly.deviation import DeviationMap, what_closes
 from estimators.anomaly.joints import find_joints, ring_cells
 from estimators.anomaly.pair import PairFindings, inspect_pair
 from estimators.anomaly.regions import anomalous_share, find_regions
+from estimators.anomaly.rows import row_medians
 from estimators.anomaly.score import band_scores, plain_score, score, sure_score
 from estimators.pinhole import Intrinsics
 from estimators.stereo.follow import Refused
@@ -46,6 +47,7 @@ def flat(deviation_m: float = 0.0) -> DeviationMap:
         area,
         np.full(shape, 0.2, np.float32),
         np.full(shape, 0.3, np.float32),
+        np.full(shape, 2e-4, np.float32),
     )
 
 
@@ -131,6 +133,20 @@ def test_no_region_without_patches_that_agree_better_off_the_wall() -> None:
     found.deviation[40:60, 20:60] = -0.02
     found.gain[:] = 0.0
     assert find_regions(found, []) == []
+
+
+def test_a_region_fills_the_windows_that_tell_it_or_is_one_patchs_error() -> None:
+    found = flat()
+    found.deviation[40:50, 20:30] = 0.01
+    (region,) = find_regions(found, [])
+    found.patch[:] = 3 * region.area
+    assert find_regions(found, []) == []
+
+
+def test_medians_along_rows_leave_out_what_was_not_measured() -> None:
+    nan = np.nan
+    values = np.array([[3.0, nan, 1.0, 2.0], [nan, 4.0, 8.0, nan], [nan, nan, nan, nan], [5.0, 6.0, 7.0, 9.0]])
+    np.testing.assert_equal(row_medians(values), [2.0, 6.0, nan, 6.5])
 
 
 def test_what_is_within_the_noise_is_no_region() -> None:

@@ -40,6 +40,7 @@ def flat(noise: float = 0.0003) -> DeviationMap:
         np.full(shape, RADIUS * 2 * np.pi / ANGLES / ROWS, np.float32),
         np.full(shape, RADIUS, np.float32),
         np.full(shape, 0.3, np.float32),
+        np.full(shape, 2e-4, np.float32),
     )
 
 

@@ -14,6 +14,7 @@ from estimators.radial_profile.fit import Wall, WallPoints, refine_wall, search_
 from estimators.radial_profile.model import Axis, design, parameters, profile_at, recentred
 from estimators.radial_profile.reference import reference_fit
 from estimators.radial_profile.shape import egg, shape_of
+from estimators.stereo.follow import reread
 from estimators.stereo.rig import StereoRig
 
 F, B, R = 1000.0, 0.05, 0.25
@@ -118,6 +119,29 @@ def test_the_cone_tells_offset_and_vanishing_point_whatever_offset_was_assumed(
     cone = apex(wall, np.linspace(-np.pi, np.pi, 120, endpoint=False))
     assert abs(cone.offset_px - offset) < 3 * own_offset_std(cone, wall, 1.0)  # what the device states of it
     assert (cone.u_px, cone.v_px) == (pytest.approx(u, abs=4.0), pytest.approx(v, abs=4.0))
+
+
+def test_a_wall_read_by_another_offset_is_met_at_the_same_disparities() -> None:
+    rng = np.random.default_rng(4)
+    found = search_wall(cylinder(rng, vanishing=(10, -20)), rig(), rng)
+    assert found is not None
+    wall = refine_wall(cylinder(rng, vanishing=(10, -20)), found[0], rig(), (2, 4), 1.0, 500.0)
+    other = reread(wall, rig(12.0))
+    u, v = rng.uniform(0.15, 0.3, (2, 50))
+    met = [
+        (each.rig.offset_px or 0.0) + each.rig.range_px_m / each.meet(u, v, each.first_guess(u, v), 9) for each in (wall, other)
+    ]
+    np.testing.assert_allclose(met[1], met[0], rtol=1e-4)
+
+
+def test_a_radius_is_known_badly_where_no_wall_was_seen() -> None:
+    rng = np.random.default_rng(5)
+    points = cylinder(rng)
+    wall = refine_wall(points.some(points.theta < 1.0), np.r_[R, np.zeros(17)], rig(), (4,), 1.0, 500.0)
+    std = wall.radius_std(np.array([-1.5, 2.0]), np.array([1.0, 1.4]))
+    assert std.shape == (2, 2)
+    assert (std[:, 0] < 0.003 * R).all()
+    assert (std[:, 1] > 10 * std[:, 0]).all()
 
 
 def test_few_harmonics_are_kept_where_more_bring_nothing() -> None:
