@@ -22,6 +22,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("foe", (), ("--seeds", "2")),
     ("virtual_map", (), ("--seconds", "20")),
     ("drive_cost", (), ("--frames", "200", "--runs", "2")),
+    ("drive_faults", (), ("--drives", "2")),
     ("landmark_smoothing", (), ("--runs", "8")),
     ("landmark_smoothing_peers", (), ()),
     ("fcdd_boxes", (), ()),
