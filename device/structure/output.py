@@ -14,6 +14,8 @@ def print_structure(told: dict[str, Any]) -> None:
     )
     if not told["consistent"]:
         click.echo("The scans contradict the map: do not rely on it.")
+    for warning in told["warnings"]:
+        click.echo(f"  {warning}")
     for pipe in told["pipes"]:
         ends = "  to ".join(" ".join(f"{x:7.3f}" for x in pipe[end]) for end in ("from", "to"))
         click.echo(f"  pipe {pipe['number']:3d}  {ends}  {pipe['length_m']:.2f} m, seen {pipe['sightings']} times")

@@ -14,13 +14,53 @@ from estimators.structure.next_view import SURE, next_view
 from estimators.structure.types import CLASSES
 
 SURE_EDGE = 0.9
-CONTRADICTED = 0.2
+CONTRADICTED = 0.1
 """Share of scans that do not fit the map beyond which nobody should rely on it."""
+FEW_SCANS = 2
+"""So many scans may always be strange."""
+DISPLACED_M = 0.2
+"""A scan that fits only so far from where navigation has the vehicle: one of both is wrong, or the structure was moved."""
+BESIDE = 0.06
+"""Share of observations that fit none of the known features near them; pipes and objects as they are seen come to 0.02."""
+REFUSED = 0.05
+"""Share of refused readings of the navigation."""
+SILENT_S = {"velocity": ("DVL", 30.0), "attitude": ("AHRS", 2.0), "depth": ("pressure sensor", 20.0)}
+"""How long a sensor may be silent without a word."""
 
 
 def consistent(mapper: StructureMapper) -> bool:
-    """Whether the scans have fitted the map that was made of them."""
-    return not mapper.lost and mapper.inconsistent < CONTRADICTED * max(mapper.scans, 1)
+    """Whether the scans have fitted the map that was made of them, and the navigation."""
+    return not contradictions(mapper)
+
+
+def contradictions(mapper: StructureMapper) -> list[str]:
+    """Why nobody should rely on the map; nothing where it can be relied on."""
+    doubts, found = mapper.doubts, []
+    if mapper.lost:
+        found.append("The last scans fit nowhere in the map: the position is lost.")
+    if doubts.unexpected > max(FEW_SCANS, CONTRADICTED * mapper.scans):
+        found.append(f"{doubts.unexpected} of {mapper.scans} scans did not fit where navigation had the scanner.")
+    if doubts.furthest > DISPLACED_M:
+        found.append(
+            f"Scans and navigation are {doubts.furthest:.2f} m apart: the structure was moved, or the scanner was and nobody "
+            "noticed."
+        )
+    return found
+
+
+def warnings(mapper: StructureMapper) -> list[str]:
+    """What speaks against the map, what makes it useless first."""
+    doubts, found = mapper.doubts, contradictions(mapper)
+    if doubts.beside > BESIDE * doubts.near:
+        share = 100 * doubts.beside / doubts.near
+        found.append(f"{share:.0f} % of what was seen lies beside the pipes and objects of the map: things may be missing.")
+    if doubts.refused > REFUSED * doubts.readings:
+        found.append(f"{doubts.refused} of {doubts.readings} readings of the navigation contradict the others.")
+    for what, (name, limit) in SILENT_S.items():
+        silent = doubts.silence(what, mapper.time_s)
+        if silent > limit:
+            found.append(f"The {name} said nothing for {silent:.0f} s.")
+    return found
 
 
 def uncertain(found: StructureMap) -> list[dict[str, Any]]:
@@ -62,8 +102,9 @@ def told(mapper: StructureMapper, found: StructureMap, times: list[float], state
         "next_view": None if suggestion is None else suggestion_json(suggestion),
         "scans": mapper.scans,
         "consistent": consistent(mapper),
-        "inconsistent_scans": mapper.inconsistent,
-        "refused_readings": mapper.refused,
+        "inconsistent_scans": mapper.doubts.unexpected,
+        "refused_readings": mapper.doubts.refused,
+        "warnings": warnings(mapper),
         "track": [
             {"time_s": round(t, 3), "position": [round(float(x), 4) for x in state[:3]]}
             for t, state in zip(times, states, strict=True)

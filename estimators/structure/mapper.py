@@ -83,6 +83,44 @@ class ScanResult:
     consistent: bool
 
 
+@dataclass
+class Doubts:
+    """What speaks against the map. Of all scans ``unexpected`` ones did not look as they should from where navigation had the
+    vehicle; for ``nowhere`` of them no other place was found, and they were left out; from the others the vehicle was moved, by
+    ``furthest`` (m) at most. Of ``near`` observations near known features ``beside`` fitted none of them. Of the sensors'
+    ``readings`` some were ``refused``; each was last ``heard`` (s) and at most ``silent`` (s) before."""
+
+    unexpected: int = 0
+    nowhere: int = 0
+    furthest: float = 0.0
+    near: int = 0
+    beside: int = 0
+    readings: int = 0
+    refused: int = 0
+    heard: dict[str, float] = field(default_factory=dict)
+    silent: dict[str, float] = field(default_factory=dict)
+
+    def hear(self, what: str, time_s: float, fits: bool) -> None:
+        """A reading of a sensor."""
+        self.readings += 1
+        self.refused += not fits
+        self.silent[what] = self.silence(what, time_s)
+        self.heard[what] = time_s
+
+    def silence(self, what: str, time_s: float) -> float:
+        """The longest time (s) up to now in which sensor ``what`` said nothing; 0 where it never spoke."""
+        return max(self.silent.get(what, 0.0), time_s - self.heard.get(what, time_s))
+
+    def add(self, matches: Matches) -> None:
+        """One scan more."""
+        self.unexpected += not matches.expected
+        self.nowhere += not matches.agrees
+        self.furthest = max(self.furthest, matches.moved)
+        if matches.agrees:
+            self.near += matches.fitting
+            self.beside += matches.beside
+
+
 class StructureMapper:
     """Builds the map. ``position`` (3,) and ``angles`` (3,) are where the vehicle begins, at ``time_s``."""
 
@@ -102,15 +140,14 @@ class StructureMapper:
         self.coverage: dict[int, Coverage] = {}
         self.objects: dict[int, ObjectRecord] = {}
         self.scans = 0
-        self.refused = 0
-        self.inconsistent = 0
+        self.doubts = Doubts(heard={"velocity": time_s, "attitude": time_s})  # not every vehicle has a pressure sensor
         self._rng = rng
         self._time_s = time_s
         self._rates = np.zeros(3)
         self._strange = 0
         self._refused_in_a_row = dict.fromkeys(self.settings.doubt_after, 0)
         self._known_s = time_s  # when a velocity was last taken, or a scan showed what was known
-        self._heard_s = time_s  # when the DVL was last heard
+        self._heard_s = time_s  # when the DVL was last heard, or the beginning
         self._contradicted_s = time_s  # since when it has contradicted the filter
         self._leg_s = time_s
         self._between = Between(self.slam.vehicle, mount, self.settings.slam)
@@ -121,6 +158,11 @@ class StructureMapper:
     def lost(self) -> bool:
         """Whether the last scans fit the map so badly that position and map can no longer be trusted."""
         return self._strange >= self.settings.lost_after
+
+    @property
+    def time_s(self) -> float:
+        """Up to when everything has been taken in."""
+        return self._time_s
 
     # ---- navigation; a reading from before the filter's time counts as of now
 
@@ -164,7 +206,7 @@ class StructureMapper:
 
     def _judge(self, what: str, fits: bool, change: Array | None = None) -> None:
         """Count what was left out. A vehicle that starts or stops at once contradicts the filter until it doubts itself."""
-        self.refused += not fits
+        self.doubts.hear(what, self._time_s, fits)
         self._refused_in_a_row[what] = 0 if fits else self._refused_in_a_row[what] + 1
         if self._refused_in_a_row[what] >= self.settings.doubt_after[what]:
             self._refused_in_a_row[what] = 0
@@ -187,14 +229,19 @@ class StructureMapper:
     def add_parts(self, parts: Parts) -> ScanResult:
         """A scan that has been taken apart already, as of now."""
         self.scans += 1
-        leg = self._between.leg()
         matches = self.slam.scan(parts.segments, parts.sightings)
-        self._remember(leg, parts, matches)
-        if matches.matched >= 3:
+        consistent = matches.expected
+        if not consistent:
+            for rows, sigma in zip((slice(0, 3), slice(6, 9)), self.settings.slam.jolt, strict=True):
+                self._between.doubt(rows, sigma)
+        self._remember(self._between.leg(), parts, matches)
+        if len({*matches.segments, *matches.sightings} - matches.new - {-1}) >= 3:
             self._known_s = self._time_s
-        consistent = matches.fitting < 3 or matches.matched >= 0.5 * matches.fitting
-        self._strange = 0 if consistent else self._strange + 1
-        self.inconsistent += not consistent
+        self._strange = 0 if matches.agrees else self._strange + 1
+        self.doubts.add(matches)
+        for number in matches.dropped:
+            self.objects.pop(number, None)
+            self.coverage.pop(number, None)
         self._cover(parts, matches)
         recognised = []
         for sighting, number in zip(parts.sightings, matches.sightings, strict=True):

@@ -16,9 +16,11 @@ from estimators.structure.vehicle import SIZE, SensorMount, SensorPose, advanced
 class SlamSettings:
     """Process noise (1 sigma): ``acceleration`` (m/s2) and ``turning`` (rad/s) as white noise of ``rate_hz``; ``start``: of
     the first position (m), which is the map's origin by definition, so hardly any; ``start_depth``: of its depth.
-    ``near_line`` and ``near_point``: a feature that does not fit but is this near (m) to a known one is not new."""
+    ``near_line`` and ``near_point``: a feature that does not fit but is this near (m) to a known one is not new.
+    ``jolt`` (m, m/s): by how much position and velocity are doubted when a scan does not fit from where navigation has the
+    vehicle."""
 
-    acceleration: float = 0.02
+    acceleration: float = 0.05
     turning: float = 0.005
     rate_hz: float = 20.0
     start: float = 0.0005
@@ -27,6 +29,7 @@ class SlamSettings:
     near_line: float = 0.10
     near_angle: float = 0.25
     near_point: float = 0.14
+    jolt: tuple[float, float] = (0.15, 0.1)
     gap: float = 0.5
     upright: bool = False
     upright_angle: float = 0.12
@@ -34,14 +37,15 @@ class SlamSettings:
 
 @dataclass
 class Feature:
-    """``line`` or ``point`` at ``at`` in the state; ``sightings`` counts the scans that showed it. ``low``, ``high``: ends
-    along a line."""
+    """``line`` or ``point`` at ``at`` in the state; ``sightings`` counts the scans that showed it, ``contradicted`` those that
+    showed something beside it and not it. ``low``, ``high``: ends along a line."""
 
     number: int
     at: int
     line: Line | None
     point: Array | None
     sightings: int = 1
+    contradicted: int = 0
     low: float = 0.0
     high: float = 0.0
 
@@ -54,13 +58,50 @@ class Feature:
 @dataclass(frozen=True)
 class Matches:
     """Number of the feature that each segment and each sighting shows; -1 where none. ``new``: those that began with this scan.
-    ``fitting``: how many had a known feature near; ``matched`` of them fitted it together with the others."""
+    ``fitting``: how many had a known feature near; ``matched`` of them fitted it together with the others, where navigation had
+    the vehicle. ``moved``: how far (m) from there the vehicle is where the scan only ``agrees`` with the map from elsewhere;
+    one that agrees from nowhere is left out. ``dropped``: features that turned out to be a mistake; ``beside``: how many
+    observations fitted none of the known features that they were near.
+    """
 
     segments: tuple[int, ...]
     sightings: tuple[int, ...]
     new: frozenset[int]
     fitting: int
     matched: int
+    agrees: bool = True
+    moved: float = 0.0
+    dropped: frozenset[int] = frozenset()
+    beside: int = 0
+
+    @property
+    def expected(self) -> bool:
+        """Whether the scan looks as it should from where navigation had the vehicle."""
+        return _agree(self.matched, self.fitting, _MOST)
+
+
+_MOST = 0.5
+"""Of what has known features near so much fits them, or the scan does not fit."""
+_AGAIN = 0.6
+"""From another place more has to fit, for there any scan fits something."""
+_FEW = 3
+"""So few observations near known features tell nothing of a scan."""
+_DROP_AFTER = 3
+"""A feature that was contradicted so often, and more often than it was seen, is dropped."""
+
+
+def _agree(matched: int, fitting: int, share: float) -> bool:
+    return fitting < _FEW or matched >= share * fitting
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """The chosen pairs of observation and feature, their rows stacked."""
+
+    chosen: list[Candidate]
+    jacobian: Array
+    innovation: Array
+    noise: Array
 
 
 class StructureFilter:
@@ -148,13 +189,23 @@ class StructureFilter:
                 seen = self._expected(feature, pose, observation)
                 if seen is not None:
                     pairs.append((number, feature, seen))
-        chosen, jacobian, innovation, noise = self._associated(pairs)
-        if chosen:
-            rows = np.concatenate([np.arange(c.rows.start, c.rows.stop) for c in chosen])
-            self._update(jacobian[rows], innovation[rows], noise[np.ix_(rows, rows)])
-        match = {c.seen: c.feature for c in chosen}
         fitting = len({number for number, _, _ in pairs})
-        new = self._take_in(segments, sightings, match)
+        joint = self._associated(pairs)
+        matched, moved = len(joint.chosen), 0.0
+        if not _agree(matched, fitting, _MOST):
+            # the vehicle went another way than navigation says, or the scan is wrong: where would most of it fit?
+            self.doubt(slice(0, 3), self.settings.jolt[0])
+            self.doubt(slice(6, 9), self.settings.jolt[1])
+            joint = self._associated(pairs)
+            if not _agree(len(joint.chosen), fitting, _AGAIN):
+                nothing = (-1,) * len(observations)
+                return Matches(nothing[: len(segments)], nothing[len(segments) :], frozenset(), fitting, matched, agrees=False)
+        if joint.chosen:
+            before = self.vehicle[:3].copy()
+            self._update(joint)
+            moved = 0.0 if _agree(matched, fitting, _MOST) else float(np.linalg.norm(self.vehicle[:3] - before))
+        match = {c.seen: c.feature for c in joint.chosen}
+        new, contradicted = self._take_in(segments, sightings, match)
         self._stretch(segments, match)
         count = len(segments)
         for number in set(match.values()) - new:
@@ -164,7 +215,10 @@ class StructureFilter:
             tuple(match.get(count + k, -1) for k in range(len(sightings))),
             frozenset(new),
             fitting,
-            len(chosen),
+            matched,
+            moved=moved,
+            beside=fitting - len(joint.chosen),
+            dropped=self._without_contradicted(contradicted - set(match.values())),
         )
 
     def _expected(self, feature: Feature, pose: SensorPose, observation: Segment | Sighting) -> Seen | None:
@@ -193,7 +247,7 @@ class StructureFilter:
         off -= (off @ line.direction) * line.direction
         return bool(np.linalg.norm(off) < self.settings.near_line * slack)
 
-    def _associated(self, pairs: list[tuple[int, Feature, Seen]]) -> tuple[list[Candidate], Array, Array, Array]:
+    def _associated(self, pairs: list[tuple[int, Feature, Seen]]) -> _Joint:
         size = len(self.covariance)
         count = sum(len(seen.innovation) for _, _, seen in pairs)
         jacobian, innovation, noise = np.zeros((count, size)), np.zeros(count), np.zeros((count, count))
@@ -208,16 +262,18 @@ class StructureFilter:
             candidates.append(Candidate(number, feature.number, rows))
             row = rows.stop
         if not candidates:
-            return [], jacobian, innovation, noise
+            return _Joint([], jacobian, innovation, noise)
         joint = jacobian @ self.covariance @ jacobian.T + noise
-        return associate(candidates, innovation, joint), jacobian, innovation, noise
+        chosen = associate(candidates, innovation, joint)
+        kept = np.concatenate([np.arange(0), *(np.arange(c.rows.start, c.rows.stop) for c in chosen)])
+        return _Joint(chosen, jacobian[kept], innovation[kept], noise[np.ix_(kept, kept)])
 
-    def _update(self, jacobian: Array, innovation: Array, noise: Array) -> None:
+    def _update(self, joint: _Joint) -> None:
         p = self.covariance
-        cross = p @ jacobian.T
-        s = jacobian @ cross + noise
+        cross = p @ joint.jacobian.T
+        s = joint.jacobian @ cross + joint.noise
         gain = np.linalg.solve(s, cross.T).T
-        self._add(gain @ innovation)
+        self._add(gain @ joint.innovation)
         p = p - gain @ cross.T
         self.covariance = (p + p.T) / 2
 
@@ -231,14 +287,20 @@ class StructureFilter:
             elif feature.point is not None:
                 feature.point = feature.point + part
 
-    def _take_in(self, segments: tuple[Segment, ...], sightings: tuple[Sighting, ...], match: dict[int, int]) -> set[int]:
-        """Eqs. 38 to 43 and 45 for what showed nothing known; ``match`` is told of it."""
+    def _take_in(
+        self, segments: tuple[Segment, ...], sightings: tuple[Sighting, ...], match: dict[int, int]
+    ) -> tuple[set[int], set[int]]:
+        """Eqs. 38 to 43 and 45 for what showed nothing known; ``match`` is told of it. Also the features beside which something
+        was that did not fit them, and therefore is not new."""
         pose = self.pose()
         new: set[int] = set()
+        beside: set[int] = set()
         for number, segment in enumerate(segments):
-            if number in match or any(
-                f.line is not None and self._near_line(f, pose, segment, 1.0) for f in self.features.values()
-            ):
+            if number in match:
+                continue
+            near = {f.number for f in self.features.values() if f.line is not None and self._near_line(f, pose, segment, 1.0)}
+            if near:
+                beside |= near
                 continue
             line, by_vehicle = new_line(pose, segment)
             if self.settings.upright and not self._is_upright(line):
@@ -248,14 +310,30 @@ class StructureFilter:
             match[number] = feature.number
             new.add(feature.number)
         for number, sighting in enumerate(sightings):
+            if len(segments) + number in match:
+                continue
             position, by_vehicle = new_point(pose, sighting.position)
-            if len(segments) + number in match or self.nearest_point(position)[1] < self.settings.near_point:
+            nearest, distance = self.nearest_point(position)
+            if distance < self.settings.near_point:
+                beside.add(nearest)
                 continue
             noise = pose.rotation @ sighting.covariance @ pose.rotation.T
             feature = self._append(None, position, by_vehicle, noise)
             match[len(segments) + number] = feature.number
             new.add(feature.number)
-        return new
+        return new, beside
+
+    def _without_contradicted(self, beside: set[int]) -> frozenset[int]:
+        """Count what was beside features and not them; drop those of them that were a mistake when they were taken in, for they
+        keep what is really there out of the map. The numbers of what was dropped."""
+        dropped = set()
+        for number in beside:
+            feature = self.features[number]
+            feature.contradicted += 1
+            if feature.contradicted >= _DROP_AFTER and feature.contradicted > feature.sightings:
+                self.drop(number)
+                dropped.add(number)
+        return frozenset(dropped)
 
     def _is_upright(self, line: Line) -> bool:
         """Whether a line is horizontal or vertical, as the paper's prior has it (Sec. 4.5.2)."""

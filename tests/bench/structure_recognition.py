@@ -118,7 +118,7 @@ def one_run(structure: Structure, seed: int, scans: int | None = None) -> tuple[
     told = scores(run, found, chamber, states)
     told["tables"] = {s: table.tolist() for s, table in confusion_tables(run, matching(found, structure), structure).items()}
     told["nees"] = [round(float(value), 4) for value in errors(run, chamber)["nees"]]
-    told["inconsistent"] = run.mapper.inconsistent
+    told["inconsistent"] = run.mapper.doubts.unexpected
     told["seconds_a_scan"] = float(np.mean(run.seconds))
     return run, told, volumes
 

@@ -19,6 +19,7 @@ from scipy.stats import chi2
 from device.structure.database import shipped_knowledge
 from device.structure.run import Reckoner, VirtualChamber, feed
 from device.structure.scores import matching, rms
+from device.structure.told import consistent, warnings
 from drivers.navigation.readings import Attitude, Depth, NavReading, Velocity
 from drivers.virtual.chamber.navigation import navigation_log
 from drivers.virtual.chamber.structure import load_structure
@@ -54,7 +55,8 @@ class Told:
     objects: int
     false_objects: int
     inconsistent: int
-    lost: bool
+    consistent: bool
+    warnings: list[str]
 
 
 def main() -> None:
@@ -81,7 +83,8 @@ def main() -> None:
                 "objects",
                 "false",
                 "strange scans",
-                "says lost",
+                "says inconsistent",
+                "warns",
             ],
             [
                 [
@@ -96,10 +99,13 @@ def main() -> None:
                     "/".join(str(t.objects) for t in runs),
                     sum(t.false_objects for t in runs),
                     sum(t.inconsistent for t in runs),
-                    f"{sum(t.lost for t in runs)} of {count}",
+                    f"{sum(not t.consistent for t in runs)} of {count}",
+                    f"{sum(bool(t.warnings) for t in runs)} of {count}",
                 ]
             ],
         )
+        for warning in sorted({warning for told in runs for warning in told.warnings}):
+            print(f"    {warning}")
 
 
 def run(seed: int, fault: str) -> Told:
@@ -110,7 +116,6 @@ def run(seed: int, fault: str) -> Told:
     rng = np.random.default_rng([seed, 8])
     readings = navigation_log(chamber.path, chamber.structure.description.navigation, np.random.default_rng([seed, 2]))
     errors, reckoned, nees, times = [], [], [], []
-    ever_lost = False
     for event in merged(readings, chamber.scanner.times(), fault):
         if not isinstance(event, float):
             reckoner.feed(event)
@@ -120,7 +125,6 @@ def run(seed: int, fault: str) -> Told:
         shown_at = event + (rng.uniform(-0.5, 0.5) if fault == "shuffled" else 0.0)
         shift = np.array([0.5, 0.0, 0.0]) if fault == "moved" and event > 250 else np.zeros(3)
         mapper.add_parts(parts(chamber, shown_at, shift, 0.1 if fault == "false" else 0.0, rng))
-        ever_lost |= mapper.lost
         times.append(event)
         away = mapper.slam.vehicle[:3] - chamber.path.pose(event).position
         errors.append(float(np.linalg.norm(away)))
@@ -138,8 +142,9 @@ def run(seed: int, fault: str) -> Told:
         len(found.pipes) - len(match.pipes),
         len(match.objects),
         len(found.objects) - len(match.objects),
-        mapper.inconsistent,
-        ever_lost,
+        mapper.doubts.unexpected,
+        consistent(mapper),
+        warnings(mapper),
     )
 
 

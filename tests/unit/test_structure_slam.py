@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from device.structure.told import consistent, warnings
 from estimators.structure.features import new_line, new_point, observe_line, observe_point
 from estimators.structure.jcbb import Candidate, associate, gate
 from estimators.structure.mapper import Knowledge, StructureMapper
 from estimators.structure.recognition import Views
 from estimators.structure.slam import SlamSettings, StructureFilter
-from estimators.structure.types import Array, Segment, Sighting
+from estimators.structure.types import Array, Parts, Segment, Sighting
 from estimators.structure.vehicle import SensorMount, advanced, body_rates, rotation_of, rotation_turns, sensor_pose
 
 seeds = st.integers(0, 10_000)
@@ -216,13 +217,81 @@ def test_a_dropped_feature_leaves_the_others_in_place() -> None:
     np.testing.assert_array_equal(slam.covariance[at : at + 3, at : at + 3], before)
 
 
-def navigator() -> StructureMapper:
-    """A mapper that sees nothing and looks east."""
+def mapped(scans: int = 4) -> StructureFilter:
+    """A filter that has seen three pipes and three objects a few times from where it stands."""
+    slam = StructureFilter(np.zeros(3), np.zeros(3), SensorMount(np.eye(3), np.zeros(3)))
+    for _ in range(scans):
+        slam.scan(*shown())
+    return slam
+
+
+def shown(away: Sequence[Array] | Array | None = None) -> tuple[tuple[Segment, ...], tuple[Sighting, ...]]:
+    """The structure, each part ``away`` (3,) from where it is, or all of it by the only one."""
+    shifts = [np.zeros(3)] if away is None else list(away)
+    shifts = shifts * 6 if len(shifts) == 1 else shifts
+    segments = tuple(_segment(a + shift, b + shift) for (a, b), shift in zip(STRUCTURE, shifts[:3], strict=True))
+    return segments, tuple(_sighting(p + shift) for p, shift in zip(OBJECTS, shifts[3:], strict=True))
+
+
+def test_a_mistake_does_not_keep_what_is_really_there_out_of_the_map() -> None:
+    """The first that is seen of a pipe and of an object is 8 cm beside them: too far to fit, too near to be something else."""
+    off = np.array([0.08, 0.0, 0.0])
+    slam = StructureFilter(np.zeros(3), np.zeros(3), SensorMount(np.eye(3), np.zeros(3)))
+    segments, sightings = shown()
+    for scan in range(8):
+        if scan == 0:
+            slam.scan(*shown([np.zeros(3), off, np.zeros(3), off, np.zeros(3), np.zeros(3)]))
+            assert len(slam.features) == 6
+        else:
+            slam.scan(segments, sightings)
+    assert len(slam.features) == 6
+    assert {number for number in slam.features if number > 6} == {7, 8}
+    points = sorted(tuple(f.point.round(2)) for f in slam.features.values() if f.point is not None)
+    assert points == sorted(tuple(p) for p in OBJECTS)
+    for a, b in STRUCTURE:
+        lines = [f.line for f in slam.features.values() if f.line is not None]
+        offs = [np.array([a, b]) - line.point - line.along(np.array([a, b]))[:, None] * line.direction for line in lines]
+        assert min(np.linalg.norm(off, axis=1).max() for off in offs) < 0.01
+
+
+def test_now_and_then_something_beside_a_feature_drops_nothing() -> None:
+    slam = mapped()
+    for scan in range(20):
+        slam.scan(*shown([np.array([0.0, 0.0, 0.08 * (scan % 3 == 0)]), *[np.zeros(3)] * 5]))
+    assert sorted(slam.features) == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_vehicle_that_was_pushed_is_found_again_and_nothing_is_taken_in_twice() -> None:
+    slam = mapped()
+    pushed = np.array([0.10, -0.12, 0.08])
+    matches = slam.scan(*shown([-pushed]))
+    assert not matches.expected
+    assert matches.agrees
+    assert matches.moved == pytest.approx(np.linalg.norm(pushed), abs=0.01)
+    assert np.linalg.norm(slam.vehicle[:3] - pushed) < 0.01
+    assert len(slam.features) == 6
+
+
+def test_a_scan_that_fits_from_nowhere_changes_nothing_but_how_sure_the_position_is() -> None:
+    slam = mapped()
+    directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    before, sure = slam.vehicle.copy(), np.trace(slam.covariance[:3, :3])
+    matches = slam.scan(*shown(0.12 * directions))
+    assert not matches.agrees
+    assert set(matches.segments) | set(matches.sightings) == {-1}
+    assert len(slam.features) == 6
+    np.testing.assert_array_equal(slam.vehicle, before)
+    assert np.trace(slam.covariance[:3, :3]) > 100 * sure
+    assert slam.scan(*shown()).expected
+
+
+def navigator(yaw: float = np.pi / 2) -> StructureMapper:
+    """A mapper that has seen nothing, and looks east if not told otherwise."""
     knowledge = Knowledge(
         Views(np.zeros((0, 308)), np.zeros(0, dtype=np.intp), np.zeros((0, 3))), *np.full((2, 6, 6), 1 / 6), np.ones((6, 3))
     )
     mount = SensorMount(np.eye(3), np.zeros(3))
-    return StructureMapper(0.0, np.zeros(3), np.array([0, 0, np.pi / 2]), mount, knowledge, np.random.default_rng(0))
+    return StructureMapper(0.0, np.zeros(3), np.array([0, 0, yaw]), mount, knowledge, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("sudden", [True, False])
@@ -236,7 +305,7 @@ def test_a_vehicle_that_starts_at_once_is_where_its_velocity_took_it(sudden: boo
         way += 0.2 * (before + speed) / 2 if time_s else 0.0
         mapper.attitude(float(time_s), np.array([0, 0, np.pi / 2]), np.zeros(3), 0.005)
         mapper.velocity(float(time_s), np.array([speed, 0.0, 0.0]), 0.01)
-    assert mapper.refused >= 5
+    assert mapper.doubts.refused >= 5
     away = mapper.slam.vehicle[:3] - np.array([0.0, way, 0.0])  # it looks east
     # believed after 1.2 s: a change at once has lost 1.2 s of it, one that grows evenly half of that; in between is taken
     assert np.linalg.norm(away) < 0.3 * (1.2 / 4 + 0.2 / 4)
@@ -280,3 +349,33 @@ def test_one_outlier_moves_nothing() -> None:
     slam.predict(0.2, np.zeros(3))
     assert slam.velocity(np.zeros(3), 0.01)
     assert np.linalg.norm(slam.vehicle[:3]) < 1e-9
+
+
+def seeing(every_s: float = 2.0, scans: int = 12, dvl_until_s: float = 1e9, pushed_at_s: float = 1e9) -> StructureMapper:
+    """A mapper before the structure, which stands half a metre further from ``pushed_at_s`` on."""
+    mapper = navigator(0.0)
+    for time_s in np.arange(0.0, scans * every_s, 0.2):
+        mapper.attitude(float(time_s), np.zeros(3), np.zeros(3), 0.005)
+        if time_s < dvl_until_s:
+            mapper.velocity(float(time_s), np.zeros(3), 0.01)
+        if round(time_s / 0.2) % round(every_s / 0.2) == 0:
+            away = np.array([0.0, 0.5 * (time_s >= pushed_at_s), 0.0])
+            mapper.add_parts(Parts(*shown([away])))
+    return mapper
+
+
+def test_what_speaks_against_a_map_is_said() -> None:
+    mapper = seeing()
+    assert consistent(mapper)
+    assert warnings(mapper) == []
+    mapper = seeing(scans=20, dvl_until_s=5.0)
+    assert consistent(mapper)
+    assert warnings(mapper) == ["The DVL said nothing for 35 s."]
+    assert len(mapper.slam.features) == 6
+
+
+def test_a_structure_that_was_moved_is_said_to_be() -> None:
+    mapper = seeing(pushed_at_s=12.0, scans=20)
+    assert not consistent(mapper)
+    assert any("the structure was moved" in warning for warning in warnings(mapper)), warnings(mapper)
+    assert len(mapper.slam.features) == 6
