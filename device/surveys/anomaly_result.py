@@ -15,6 +15,7 @@ from estimators.anomaly.colour import RegionColour, named_by_colour, region_colo
 from estimators.anomaly.joints import Joint
 from estimators.anomaly.pair import PairFindings, inspect_pair
 from estimators.anomaly.regions import Region
+from estimators.anomaly.score import BandScore
 from estimators.radial_profile.shape import Z95, Extent
 from estimators.stereo.follow import Refused
 from estimators.stereo.rig import StereoRig
@@ -23,6 +24,8 @@ Result = dict[str, Any]
 
 WIDEST_INTERVAL = 0.25
 """Widths whose 95 % interval is wider than this share of them are not told: they would choose no liner."""
+SMOOTH_M2 = 0.002
+"""Places of this area are to be seen, or it is said that they are not: a hand's breadth by two fingers."""
 _UNSURE = "No width: the calibration makes this wall more conical than pipes are, and the wall alone does not tell better."
 _NO_SCALE = (
     "No width: this pair does not tell its own scale. All lengths, peaks and scores too, may be {percent:.0f} % wrong alike. "
@@ -62,6 +65,7 @@ def refused(reason: str, message: str) -> Result:
         "regions": [],
         "joints": [],
         "bands": [],
+        "smooth": [],
     }
 
 
@@ -109,10 +113,27 @@ def result_of(findings: PairFindings, colours: Sequence[RegionColour | None] = (
                 "score_mm": _mm(band.inward, 3),
                 "outward_mm": _mm(band.outward, 3),
                 "measured": round(band.measured, 3),
+                "sees_mm2": None if np.isnan(band.sees) else round(1e6 * band.sees),
             }
             for band in findings.bands
         ],
+        "smooth": smooth_stretches(findings.bands),
     }
+
+
+def smooth_stretches(bands: Sequence[BandScore]) -> list[Result]:
+    """Where the wall has so little texture, for how far off it is, that a place of SMOOTH_M2 may go unseen: from and to (m
+    ahead), and up to which size."""
+    stretches: list[Result] = []
+    for band in bands:
+        if not band.sees >= SMOOTH_M2:
+            continue
+        first, size = round(band.first, 3), round(1e6 * band.sees)
+        if stretches and stretches[-1]["to_m"] == first:
+            stretches[-1].update(to_m=round(band.last, 3), sees_mm2=max(size, stretches[-1]["sees_mm2"]))
+        else:
+            stretches.append({"from_m": first, "to_m": round(band.last, 3), "sees_mm2": size})
+    return stretches
 
 
 def clock(theta: float) -> float:

@@ -76,6 +76,7 @@ def refused(code: str, camera: str, pairs: int, chainage: float | None) -> Resul
         "regions": [],
         "joints": [],
         "bands": [],
+        "smooth": [],
     }
 
 

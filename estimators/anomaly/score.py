@@ -14,16 +14,21 @@ from estimators.radial_profile.fit import UNEVEN
 _SURE, _LOST = 3.0, 1.0
 """Deviations of noise and unevenness together that nothing sound reaches, and in which what deviates is lost."""
 
+_MOST = 0.5
+"""A window is matched to what fills this share of it or more: what is smaller is passed over."""
+
 
 @dataclass(frozen=True)
 class BandScore:
-    """Both scores (m) of the wall between two depths (m); nan where less than a tenth was measured."""
+    """Both scores (m) of the wall between two depths (m); nan where less than a tenth was measured. ``sees`` (m2): what is
+    smaller may go unseen in a tenth of what was measured, since windows that large had to tell it; nan as well."""
 
     first: float
     last: float
     inward: float
     outward: float
     measured: float
+    sees: float
 
 
 def score(found: DeviationMap, left_out: NDArray[np.bool_] | None = None) -> tuple[float, float]:
@@ -67,9 +72,14 @@ def band_scores(found: DeviationMap, length: float, left_out: NDArray[np.bool_] 
                 inward if enough else nan,
                 outward if enough else nan,
                 measured,
+                _sees(found, part) if enough else nan,
             )
         )
     return bands
+
+
+def _sees(found: DeviationMap, rows: slice) -> float:
+    return _MOST * float(np.percentile(found.patch[rows][found.measured[rows]], 90))
 
 
 def beyond_noise(found: DeviationMap) -> NDArray[np.float64]:

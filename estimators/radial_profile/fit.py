@@ -40,7 +40,7 @@ _SEARCH_POINTS = 2000
 _SEARCH_PX = 4.0
 """Residual of disparity at which a point no longer speaks for a sample, at 1920 pixels of width."""
 _TUKEY = 4.7
-_ROUNDS, _WIDE = 8, 4.0
+_ROUNDS, _NEAR_ROUNDS, _WIDE = 8, 2, 4.0
 _FREE_ROUNDS = 3
 _TABLE = 1440
 _SHAPE, _TWIST = 0.3, 0.003
@@ -194,13 +194,15 @@ def refine_wall(
     independent: float,
     least_noise_px: float = 0.05,
     axis: Axis | None = None,
+    near: bool = False,
 ) -> Wall:
     """Robust refit from ``start`` (about ``axis``, or the camera's) by iterated reweighting (Tukey), with as many harmonics as
     the data pays for.
 
     ``harmonics`` are tried in turn, each from ``start`` or from the one before, whichever has more; the one with the smallest
     Bayesian information criterion for ``independent`` points wins (neighbouring pixels share their noise, so there are fewer
-    than points). Raises ``numpy.linalg.LinAlgError`` where nothing can be solved.
+    than points). ``near``: the start is this wall already but for its last digits, so nothing is searched from wide weights.
+    Raises ``numpy.linalg.LinAlgError`` where nothing can be solved.
     """
     z = rig.depth(points.disparity)
     usable = np.isfinite(z)
@@ -213,7 +215,7 @@ def refine_wall(
         coefficients, about = before if harmonics_of(before[0]) > harmonics_of(start) else began
         kept = np.zeros(parameters(count))
         kept[: min(len(coefficients), len(kept))] = coefficients[: len(kept)]
-        fit = _reweighted(rays, kept, about, scale, least_noise_px, max(len(z) / independent, 1.0))
+        fit = _reweighted(rays, kept, about, scale, least_noise_px, max(len(z) / independent, 1.0), near)
         inside = np.abs(fit.residual) < _TUKEY * rays.spread(scale)
         if np.count_nonzero(inside) < 3 * parameters(count):
             raise np.linalg.LinAlgError("no wall is left")
@@ -305,7 +307,7 @@ def _known(coefficients: Array) -> tuple[Array, Array]:
     return precision, precision * (wanted - coefficients)
 
 
-def _reweighted(rays: _Rays, coefficients: Array, axis: Axis, scale: float, least: float, shared: float) -> _Fit:
+def _reweighted(rays: _Rays, coefficients: Array, axis: Axis, scale: float, least: float, shared: float, near: bool) -> _Fit:
     """Some rounds of Tukey's weights. First the points at their measured depths, from wide weights to narrow ones, which finds
     its way from far; but its depths err together with its radii, which biases it by the noise squared. So the last rounds
     (Gauss and Newton) take each ray where it meets the wall, and the noise is in the disparity alone. ``shared``: how many
@@ -325,9 +327,9 @@ def _reweighted(rays: _Rays, coefficients: Array, axis: Axis, scale: float, leas
         step = np.linalg.solve(normal, weighted.T @ (residual / at.per_metre) + shared * pull)
         return np.asarray(step, dtype=np.float64), normal, float(weight.sum())
 
-    for turn in range(_ROUNDS):
+    for turn in range(_NEAR_ROUNDS if near else _ROUNDS):
         # from wide to narrow: a wall that bends away where fewer harmonics could not follow is not shut out at once
-        step, normal, total = solve(residual, max(_WIDE * (1 - turn / (_ROUNDS - 3)), 1.0))
+        step, normal, total = solve(residual, 1.0 if near else max(_WIDE * (1 - turn / (_ROUNDS - 3)), 1.0))
         if total <= 0:
             break
         coefficients, axis = recentred(coefficients + step, axis)

@@ -254,15 +254,20 @@ def _coarse_wall(points: WallPoints, rig: StereoRig, rng: np.random.Generator) -
 
 def _coarse_again(points: WallPoints, wall: Wall) -> Wall:
     """The coarse wall under another offset: eq. 17 fits it as well, so nothing has to be searched again."""
-    return _coarse_fit(points, wall.coefficients, wall.rig, (wall.harmonics,), wall.axis)
+    return _coarse_fit(points, wall.coefficients, wall.rig, (wall.harmonics,), wall.axis, near=True)
 
 
 def _coarse_fit(
-    points: WallPoints, start: NDArray[np.float64], rig: StereoRig, counts: tuple[int, ...], axis: Axis = CAMERA_AXIS
+    points: WallPoints,
+    start: NDArray[np.float64],
+    rig: StereoRig,
+    counts: tuple[int, ...],
+    axis: Axis = CAMERA_AXIS,
+    near: bool = False,
 ) -> Wall:
     unit = rig.intrinsics.width / 1920
     try:
-        return refine_wall(points, start, rig, counts, 3.0 * unit, len(points.theta) / _SHARED, 0.7 * unit, axis)
+        return refine_wall(points, start, rig, counts, 3.0 * unit, len(points.theta) / _SHARED, 0.7 * unit, axis, near)
     except np.linalg.LinAlgError as error:
         raise Refused("no_wall") from error
 
@@ -349,7 +354,15 @@ def _ends(grid: Unrolled, match: WallMatch, disparity: Floats, wall: Wall) -> En
     return ends
 
 
-def _fine_wall(grid: Unrolled, match: WallMatch, disparity: Floats, ends: Ends, start: Wall, counts: tuple[int, ...]) -> Wall:
+def _fine_wall(
+    grid: Unrolled,
+    match: WallMatch,
+    disparity: Floats,
+    ends: Ends,
+    start: Wall,
+    counts: tuple[int, ...],
+    near: bool = False,
+) -> Wall:
     """The wall through the means of blocks of cells, each about a window: what their cells know beyond that they share."""
     told = grid.seen[ends.first : ends.last].mean(axis=0) >= _TOLD
     trusted = (match.trusted & ends.inside & told).astype(np.float32)
@@ -378,6 +391,7 @@ def _fine_wall(grid: Unrolled, match: WallMatch, disparity: Floats, ends: Ends, 
             independent,
             0.1 * unit,
             start.axis,
+            near,
         )
     except np.linalg.LinAlgError as error:
         raise Refused("no_wall") from error
@@ -398,7 +412,7 @@ def _with_offset(
 ) -> Wall:
     """The wall again under another offset."""
     start = reread(wall, wall.rig.with_offset(offset_px, std_px))
-    return _fine_wall(grid, match, disparity, ends, start, (wall.harmonics,))
+    return _fine_wall(grid, match, disparity, ends, start, (wall.harmonics,), near=True)
 
 
 def reread(wall: Wall, rig: StereoRig) -> Wall:

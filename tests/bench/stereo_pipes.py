@@ -1,10 +1,11 @@
 """Real stereo pairs (figures 1 and 2 of the anomaly survey): what is fitted, sizes of known pipes, scores of both ends, and the
 published way beside ours. ``--sheet FILE.png`` draws every pair with its deviations; ``--cache DIR`` keeps the reference's
-disparities (13 s of processor time each) between runs; ``--without-reference`` leaves it out."""
+disparities and scores (13 s of processor time each) between runs; ``--without-reference`` leaves it out."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import time
 from pathlib import Path
@@ -122,12 +123,19 @@ def name(entry: PairEntry) -> str:
 
 
 def cached_reference(left: NDArray[np.uint8], right: NDArray[np.uint8], entry: PairEntry, cache: Path | None) -> ReferencePair:
-    path = None if cache is None else cache / f"{Path(entry.left).stem.removesuffix('_L')}.npy"
-    known = np.load(path) if path is not None and path.is_file() else None
+    """The reference on a pair, or what ``cache`` keeps of it: disparities, score and times, without the deviations."""
+    stem = Path(entry.left).stem.removesuffix("_L")
+    disparities, rest = (None if cache is None else cache / f"{stem}{end}" for end in (".npy", ".json"))
+    known = np.load(disparities) if disparities is not None and disparities.is_file() else None
+    if known is not None and rest is not None and rest.is_file():
+        told = json.loads(rest.read_text())
+        return ReferencePair(known, None, told["score_m"], (told["matching_s"], told["rest_s"]))
     found = reference_pair(left, right, disparity=known)
-    if path is not None and known is None:
+    if cache is not None and disparities is not None and rest is not None:
         cache.mkdir(parents=True, exist_ok=True)
-        np.save(path, found.disparity)
+        if known is None:
+            np.save(disparities, found.disparity)
+        rest.write_text(json.dumps({"score_m": found.score, "matching_s": found.seconds[0], "rest_s": found.seconds[1]}))
     return found
 
 

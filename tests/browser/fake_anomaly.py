@@ -52,6 +52,7 @@ def pair_result(**other: Any) -> Json:
             "score_mm": round(0.3 + 2.4 * float(np.exp(-(((k - 6) / 1.2) ** 2))), 3),
             "outward_mm": 0.3,
             "measured": 0.94 if k < 9 else 0.4,
+            "sees_mm2": 420 if k < 9 else 3300,
         }
         for k in range(12)
     ]
@@ -75,6 +76,7 @@ def pair_result(**other: Any) -> Json:
         ],
         "joints": [{"z_m": 1.31, "gap_mm": 12.0, "step_mm": 8.0, "offset_mm": 3.1, "offset_clock": 4.0}],
         "bands": bands,
+        "smooth": [{"from_m": 1.2, "to_m": 1.5, "sees_mm2": 3300}],
         **other,
     }
 

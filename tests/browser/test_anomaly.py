@@ -29,6 +29,8 @@ def test_from_the_menu_to_a_finding(screen: Watched, device: FakeDevice) -> None
     assert device.anomaly.calls == [{"pipe_id": pipe["id"], "chainage_m": 12.0, "pairs": None}]
     expect(page.locator("#regions")).to_contain_text("at 12.95 m, 6.0 o'clock")
     expect(page.get_by_text("deviated in one pair alone")).to_be_visible()
+    smooth = page.get_by_text("Too smooth or too far off from 13.20 to 13.50 m: places of up to 33 cm² may go unseen there.")
+    expect(smooth).to_be_visible()
     drawn = page.locator("#wall .region")
     expect(drawn).to_have_count(2)  # the pipe is cut open at the invert, where it lies
     left, right = (box for k in range(2) if (box := drawn.nth(k).bounding_box()) is not None)

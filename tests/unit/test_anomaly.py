@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from device.surveys.anomaly_result import clock, inspect, result_of
+from device.surveys.anomaly_result import clock, inspect, result_of, smooth_stretches
 from drivers.virtual.landmarks import Patch
 from drivers.virtual.profile import circular
 from drivers.virtual.rig import Pose
@@ -94,6 +94,17 @@ def test_bands_score_their_own_part_and_say_nothing_of_what_was_not_measured() -
     assert bands[0].inward == pytest.approx(0.004)
     assert bands[1].inward == 0.0
     assert np.isnan(bands[3].inward)
+
+
+def test_a_band_says_what_may_go_unseen_in_it_and_smooth_ones_are_told_as_one_stretch() -> None:
+    found = flat()
+    found.patch[50:] = 6e-3
+    found.deviation[95:] = np.nan
+    bands = band_scores(found, 0.25)
+    assert [band.sees for band in bands] == pytest.approx([1e-4, 1e-4, 3e-3, 3e-3])
+    assert smooth_stretches(bands) == [{"from_m": 1.5, "to_m": 2.0, "sees_mm2": 3000}]
+    found.deviation[50:] = np.nan
+    assert smooth_stretches(band_scores(found, 0.25)) == []  # nothing was measured: nothing is said to be sound
 
 
 def test_a_region_has_its_area_place_and_sign_across_the_seam() -> None:
