@@ -39,7 +39,7 @@ class HeldReplay(DepthCamera):
         wait_s = max(0.0, self._due - now)
         if wait_s > timeout_s:
             time.sleep(timeout_s)
-            raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:g} s.")
+            raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:.3g} s.")
         time.sleep(wait_s)
         self._due = max(self._due + self._period_s, time.monotonic())
         if self._held is None or time.monotonic() >= self._held_until:

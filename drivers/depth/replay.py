@@ -161,7 +161,7 @@ class ReplayCamera(DepthCamera):
         if self._closed.wait(min(wait_s, max(0.0, deadline - time.monotonic()))):
             raise SensorLost(f"The {self.name} has been closed.")
         if time.monotonic() < self._due_s:
-            raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:g} s.")
+            raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:.3g} s.")
 
     def _next_of_folder(self) -> DepthFrame:
         if self._next >= len(self._entries):

@@ -174,7 +174,7 @@ class Session(Generic[T]):
         while True:
             remaining = deadline - time.monotonic()
             if remaining <= 0:
-                raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:g} s.")
+                raise FrameTimeout(f"The {self.name} sent no picture for {timeout_s:.3g} s.")
             slice_s = remaining if running.playback is None else min(remaining, PLAYBACK_SLICE_S)
             timeout_ms = max(1, round(slice_s * 1000))
             try:

@@ -121,7 +121,7 @@ class ModbusEncoder(Encoder):
                     monotonic_ns=(asked_ns + self._line.newest_ns) // 2,
                 )
             if time.monotonic() >= deadline:
-                raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:g} s.")
+                raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:.3g} s.")
 
     def _ask(self, deadline: float) -> tuple[int, int] | None:
         """One question; None where no whole answer came before ``deadline``. Raises Refused, SensorLost."""

@@ -106,7 +106,7 @@ class QsbEncoder(Encoder):
                 elif answer.register == register and answer.letter in "ex":
                     raise BadFrame(f"The {self.name} refused {command}: it answered {shown(line)}.")
             if time.monotonic() >= deadline:
-                raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:g} s.")
+                raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:.3g} s.")
 
     def close(self) -> None:
         """Stop and release. Never raises, may be called twice."""

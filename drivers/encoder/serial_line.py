@@ -183,7 +183,7 @@ class LineEncoder(Encoder):
                 break
         if refused:
             raise BadFrame(f"The {self.name} sends lines that are no readings, {shown(refused)}: check its baud rate.")
-        raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:g} s.")
+        raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:.3g} s.")
 
     def close(self) -> None:
         """Stop and release. Never raises, may be called twice."""

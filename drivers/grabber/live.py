@@ -74,7 +74,7 @@ class _Pump:
                 raise SensorLost(self._ended)
             if not self._signal:
                 raise NoSignal(f"No camera sends a picture into the {name}: check its cable and its lamp.")
-            raise FrameTimeout(f"The {name} sent no picture for {timeout_s:g} s.")
+            raise FrameTimeout(f"The {name} sent no picture for {timeout_s:.3g} s.")
 
     def stop(self) -> None:
         """Ask the thread to end; it does once cv2 lets it go."""

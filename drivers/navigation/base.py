@@ -45,7 +45,7 @@ class NavigationSensor(ABC):
             if not self._waiting and time.monotonic() >= deadline:
                 if refused:
                     raise BadFrame(f"The {self.name} sends what is no reading, {shown(refused)}: check its baud rate.")
-                raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:g} s.")
+                raise FrameTimeout(f"The {self.name} sent no reading for {timeout_s:.3g} s.")
         return self._waiting.pop(0)
 
     def reset(self) -> None:

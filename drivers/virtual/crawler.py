@@ -90,5 +90,5 @@ class Plug:
             if now >= until and not silent:
                 return active
             if now >= deadline and "hang" not in active:
-                raise FrameTimeout(f"The {self._name} sent {silence} for {timeout_s:g} s.")
+                raise FrameTimeout(f"The {self._name} sent {silence} for {timeout_s:.3g} s.")
             closed.wait(_CHECK_S if silent else max(0.0, min(until, deadline, now + 10 * _CHECK_S) - now))

@@ -158,7 +158,7 @@ class VirtualStereoCamera(StereoCamera):
         wait_s = self._due - time.monotonic()
         if wait_s > timeout_s or "never comes" in active:
             time.sleep(timeout_s)
-            raise FrameTimeout(f"The {self.name} sent no pair for {timeout_s:g} s.")
+            raise FrameTimeout(f"The {self.name} sent no pair for {timeout_s:.3g} s.")
         time.sleep(max(wait_s, 0.0))
         self._due = max(self._due, time.monotonic() - self._period_s) + self._period_s
         scene = self._paint()

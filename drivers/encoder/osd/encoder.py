@@ -58,7 +58,7 @@ class OsdEncoder(Encoder):
         """Raises FrameTimeout where no picture was fed in the time, BadFrame where it shows no believable distance."""
         with self._changed:
             if not self._changed.wait_for(lambda: self._waiting is not None, timeout_s) or self._waiting is None:
-                raise FrameTimeout(f"The {self.name} was given no picture in {timeout_s:g} s.")
+                raise FrameTimeout(f"The {self.name} was given no picture in {timeout_s:.3g} s.")
             frame, self._waiting = self._waiting, None
         if self._reader is None:
             raise BadFrame(f"The {self.name} is not open.")
