@@ -139,14 +139,15 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     coarse_passes = 1
     for turn in range(_MOST_PASSES):
         last = turn == coarse_passes
-        grid = unroll(wall, nearest, farthest, ANGLES // 2, ROWS // 2)
+        grid = unroll(wall, nearest, farthest, *((ANGLES, ROWS) if last else (ANGLES // 2, ROWS // 2)))
         start = _from_coarse(coarse, grid) if earlier is None else _carried(*earlier, grid)
         start = _better_start(pair, grid, start, misfit, width, height)
         if last:
-            rough = _from_coarse(coarse, grid, smooth=3)
-            swept = sweep(pair, grid, start, misfit, width, height, rig.offset_px or 0.0, (rough,))
+            half = unroll(wall, nearest, farthest, ANGLES // 2, ROWS // 2)
+            known = cv2.resize(start, (ANGLES // 2, ROWS // 2), interpolation=cv2.INTER_AREA)
+            rough = _from_coarse(coarse, half, smooth=3)
+            swept = sweep(pair, half, np.asarray(known, np.float32), misfit, width, height, rig.offset_px or 0.0, (rough,))
             start = np.asarray(cv2.resize(swept, (ANGLES, ROWS), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-            grid = unroll(wall, nearest, farthest)
         match = match_on_wall(pair, grid, start, misfit, width, height, rig.offset_px or 0.0)
         if turn == 0:
             misfit = row_misfit(pair, grid, match.shift, misfit, width, height)
