@@ -143,8 +143,8 @@ class Jump:
 
 
 def bridge(times: Array, values: Array, quantum: float) -> tuple[Array, tuple[Jump, ...]]:
-    """What a counter would have shown in a whole series had it never been set: ``values`` (n,) at growing ``times`` (n,) without
-    their jumps, so that the way goes on as before and after, and the jumps. ``quantum`` is its step (m), 0 for none.
+    """What a counter would have shown in a whole series had it never been set: ``values`` (n,) at growing ``times`` (n,)
+    without their jumps, so that the way goes on as before and after, and the jumps. ``quantum`` is its step (m), 0 for none.
 
     A jump is what the speeds around it do not explain, whatever the time between two readings.
     """

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 _RECENT, _FEW = 300, 5
 """Rings that tell the pixels' aspect, the last ones, and how many of them well seen it takes."""
+_ALONE = 1.25
+"""A ring that is smaller than all others of its joint by this factor is alone."""
 _STRETCHES, _SHAKES = 12, 24
 """Of the bootstrap that tells how sure F is."""
 
@@ -365,9 +367,24 @@ def _owners(seen: _Seen, focal: float, places: Array, config: JointConfig, loose
 
 def _evidences(seen: _Seen, focal: float, places: Array, owner: Index, config: JointConfig) -> Array:
     """Evidence (m,) of each place."""
+    return np.array([evidence for evidence, _ in _told(seen, focal, places, owner, config)])
+
+
+def _told(seen: _Seen, focal: float, places: Array, owner: Index, config: JointConfig) -> list[tuple[float, NDArray[np.bool_]]]:
+    """Of each place (m) its evidence, and which of its rings (n,) it has that from."""
     nearest = [float(seen.inverse[owner == k].min()) for k in range(len(places)) if (owner == k).any()]
     usual = float(np.median(nearest)) / config.leaving if nearest else 0.0
-    return np.array([_evidence(seen, focal, places[k], owner == k, usual, config) for k in range(len(places))])
+    told = []
+    for k in range(len(places)):
+        mine = owner == k
+        # a ring from far behind all others may lie there by chance, and is no reason to ask where the joint was meanwhile
+        inverse = np.sort(seen.inverse[mine])
+        ends = [*inverse[:-1][inverse[1:] > _ALONE * inverse[:-1]], np.inf]
+        parts = [mine & (seen.inverse <= end) for end in ends]
+        told.append(
+            max(((_evidence(seen, focal, places[k], part, usual, config), part) for part in parts), key=lambda one: one[0])
+        )
+    return told
 
 
 def _evidence(seen: _Seen, focal: float, place: float, mine: NDArray[np.bool_], usual: float, config: JointConfig) -> float:
@@ -408,10 +425,9 @@ def _joints(
     """The accepted joints."""
     found = []
     place, std = seen.places(focal), seen.std(focal, config)
-    evidence = _evidences(seen, focal, places, owner, config)
-    for k in range(len(places)):
-        mine = np.flatnonzero(owner == k)
-        if evidence[k] < config.evidence:
+    for k, (evidence, part) in enumerate(_told(seen, focal, places, owner, config)):
+        mine = np.flatnonzero(part)
+        if evidence < config.evidence:
             continue
         sightings = tuple(JointSighting(*rings[n], float(place[n]), float(std[n])) for n in mine.tolist())
         # the errors of neighbouring pictures are alike, and so is the counter's

@@ -215,6 +215,19 @@ def test_joints_and_focal_radius_of_a_drive(focal: float, clutter: int) -> None:
     assert len(places) <= len(joints) + (1 if clutter else 0)
 
 
+def test_one_ring_far_behind_the_others_takes_no_joint_away() -> None:
+    """A joint is seen over the last metre and a half; nobody asks where it was before because something far off lay on its
+    place."""
+    found = RingMap(config=JointConfig(position_std=0.05))
+    for frame, position in enumerate(np.arange(0, 10, 0.06)):
+        depths = [joint - position for joint in (2.0, 4.0, 6.0, 8.0, 10.0)]
+        rings = [ring(66 / depth) for depth in depths if 0.25 < depth < 1.5]
+        found.add(frame, float(position), [*rings, ring(66 / (6.0 - position), quality=0.5)] if frame in (8, 9) else rings)
+    result = found.solve()
+    assert [joint.chainage for joint in result.joints] == pytest.approx([2, 4, 6, 8, 10], abs=0.02)
+    assert all(sighting.ring.radius > 40 for joint in result.joints for sighting in joint.sightings)
+
+
 def test_joints_that_disagree_leave_the_focal_radius_unsure() -> None:
     told = []
     for apart in (0.0, 0.05):
