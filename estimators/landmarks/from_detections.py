@@ -66,8 +66,8 @@ class Rows:
 
 @dataclass(frozen=True)
 class CounterJump:
-    """The counter jumped by ``metres`` at ``time_s``, when the crawler was at ``position`` (m, on the way that goes on); what it
-    drove meanwhile is known to ``std`` (m)."""
+    """The counter jumped by ``metres`` at ``time_s``, when the crawler was at ``position`` (m, on the way that goes on); how
+    far it drove meanwhile is known to ``std`` (m)."""
 
     time_s: float
     metres: float
