@@ -73,13 +73,14 @@ def map_json(found: StructureMap) -> dict[str, Any]:
 
 def suggestion_json(suggestion: Suggestion) -> dict[str, Any]:
     """Where to look next, with the sentence of the prompt."""
-    numbers = ", ".join(str(number) for number in suggestion.objects)
+    numbers = [str(number) for number in suggestion.objects]
+    things = f"object {numbers[0]} is" if len(numbers) == 1 else f"objects {', '.join(numbers[:-1])} and {numbers[-1]} are"
     north, east, down = (f"{metres:.1f} m" for metres in suggestion.position)
     return {
         "position": _rounded(suggestion.position),
         "target": _rounded(suggestion.target),
         "objects": list(suggestion.objects),
-        "prompt": f"Look from {north} north, {east} east, {down} deep: it would tell what object {numbers} is.",
+        "prompt": f"Look from {north} north, {east} east, {down} deep: it would tell what {things}.",
     }
 
 

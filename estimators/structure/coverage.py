@@ -17,6 +17,8 @@ _LONG = 0.2
 _GAP = 0.4
 """A pipe ends before a hole wider than this (m): no valve is as long."""
 _HALF = 400
+_NEAR_END = 0.05
+"""Where single scans saw it end so near (m) to the end of the slots, it ends in their middle."""
 
 
 class Coverage:
@@ -24,13 +26,17 @@ class Coverage:
 
     def __init__(self) -> None:
         self._counts = np.zeros(2 * _HALF, dtype=int)
+        self._begins: list[float] = []
+        self._stops: list[float] = []
         self.scans = 0
         self._ends: tuple[float, float] | None = None
 
     def add(self, along: Array) -> None:
-        """One scan showed the places ``along`` (m)."""
-        slots = np.unique(np.clip((np.asarray(along) / BIN).astype(int) + _HALF, 0, 2 * _HALF - 1))
+        """One scan showed the places ``along`` (m), the first and the last of them as far as the pipe was in view."""
+        slots = np.unique(np.clip(np.floor(np.asarray(along) / BIN).astype(int) + _HALF, 0, 2 * _HALF - 1))
         self._counts[slots] += 1
+        self._begins.append(float(np.min(along)))
+        self._stops.append(float(np.max(along)))
         self.scans += 1
         self._ends = None
 
@@ -55,7 +61,8 @@ class Coverage:
         stops = np.concatenate([breaks, [len(where) - 1]])
         weights = [self._counts[where[a] : where[b] + 1].sum() for a, b in zip(starts, stops, strict=True)]
         best = int(np.argmax(weights))
-        return (where[starts[best]] - _HALF) * BIN, (where[stops[best]] + 1 - _HALF) * BIN
+        low, high = (where[starts[best]] - _HALF) * BIN, (where[stops[best]] + 1 - _HALF) * BIN
+        return _middle(self._begins, float(low)), _middle(self._stops, float(high))
 
     def _one_pipe(self, where: NDArray[np.intp]) -> Mask:
         """Which of the slots ``where`` (n,) lie on stretches between holes that are long, or were seen often."""
@@ -65,3 +72,9 @@ class Coverage:
         long = np.array([(stretch[-1] + 1 - stretch[0]) * BIN >= _LONG for stretch in stretches])
         kept: Mask = (long | (seen >= _OFTEN * seen.max()))[label]
         return kept
+
+
+def _middle(seen: list[float], end: float) -> float:
+    """Where single scans ``seen`` it end, if they did about ``end``: slots end where the furthest of many did."""
+    near = [place for place in seen if abs(place - end) < _NEAR_END]
+    return float(np.median(near)) if near else end

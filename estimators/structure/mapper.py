@@ -60,6 +60,9 @@ _DOUBT_VELOCITY = 0.2
 _DVL_GAP_S = 0.5
 """Readings of the DVL that are further apart than this have an outage between them."""
 
+_AHRS_GAP_S = 1.0
+"""So long a vehicle turns as the AHRS said last."""
+
 
 @dataclass(frozen=True)
 class Recognised:
@@ -170,8 +173,9 @@ class StructureMapper:
         """On to ``time_s``, in steps."""
         while (left := time_s - self._time_s) > 0:
             dt = min(self.settings.step_s, left)
-            self.slam.predict(dt, self._rates)
-            self._between.predict(dt, self._rates)
+            rates = self._rates if self._time_s - self.doubts.heard["attitude"] < _AHRS_GAP_S else None
+            self.slam.predict(dt, rates)
+            self._between.predict(dt, rates)
             self._time_s = time_s if dt == left else self._time_s + dt
 
     def depth(self, time_s: float, depth: float, sigma: float) -> None:
@@ -296,7 +300,8 @@ class StructureMapper:
             feature = self.slam.features.get(number)
             if feature is None or feature.line is None:
                 continue
-            places = segment.start + segment.bins[:, None] * segment.direction
+            shown = np.concatenate([segment.bins, [0.0, segment.length]])
+            places = segment.start + shown[:, None] * segment.direction
             along = feature.line.along(pose.position + places @ pose.rotation.T)
             self.coverage.setdefault(number, Coverage()).add(along)
 

@@ -14,14 +14,15 @@ from estimators.structure.vehicle import SIZE, SensorMount, SensorPose, advanced
 
 @dataclass(frozen=True)
 class SlamSettings:
-    """Process noise (1 sigma): ``acceleration`` (m/s2) and ``turning`` (rad/s) as white noise of ``rate_hz``; ``start``: of
-    the first position (m), which is the map's origin by definition, so hardly any; ``start_depth``: of its depth.
-    ``near_line`` and ``near_point``: a feature that does not fit but is this near (m) to a known one is not new.
-    ``jolt`` (m, m/s): by how much position and velocity are doubted when a scan does not fit from where navigation has the
-    vehicle."""
+    """Process noise (1 sigma): ``acceleration`` (m/s2) and ``turning`` (rad/s) as white noise of ``rate_hz``; ``blind`` (rad/s)
+    while nothing tells how the vehicle turns. ``start``: of the first position (m), which is the map's origin by definition, so
+    hardly any; ``start_depth``: of its depth. ``near_line`` and ``near_point``: what does not fit but is so near (m) to a known
+    feature is not new. ``jolt`` (m, m/s): by how much position and velocity are doubted when a scan does not fit from where the
+    vehicle should be."""
 
     acceleration: float = 0.05
     turning: float = 0.005
+    blind: float = 0.2
     rate_hz: float = 20.0
     start: float = 0.0005
     start_depth: float = 0.02
@@ -119,14 +120,15 @@ class StructureFilter:
 
     # ---- navigation
 
-    def predict(self, dt: float, rates: Array) -> None:
-        """Eqs. 20 to 22: ``dt`` seconds on, turning by ``rates`` (3,) of roll, pitch and yaw."""
+    def predict(self, dt: float, rates: Array | None) -> None:
+        """Eqs. 20 to 22: ``dt`` seconds on, turning by ``rates`` (3,) of roll, pitch and yaw, or by nobody knows what."""
         if dt <= 0:
             return
         s = self.settings
-        self.vehicle, by_state, by_noise = advanced(self.vehicle, rates, dt)
+        turning = s.blind if rates is None else s.turning
+        self.vehicle, by_state, by_noise = advanced(self.vehicle, np.zeros(3) if rates is None else rates, dt)
         # white noise of a fixed rate, so that steps of any length add up to the same
-        noise = np.repeat([s.acceleration, s.turning], 3) ** 2 / (s.rate_hz * dt)
+        noise = np.repeat([s.acceleration, turning], 3) ** 2 / (s.rate_hz * dt)
         p = self.covariance
         p[:SIZE, :] = by_state @ p[:SIZE, :]
         p[:, :SIZE] = p[:, :SIZE] @ by_state.T

@@ -73,6 +73,18 @@ def test_a_short_piece_that_few_scans_saw_beyond_a_hole_is_no_pipe() -> None:
         assert coverage.ends() == pytest.approx((0.0, end), abs=0.03)
 
 
+def test_a_pipe_ends_where_most_scans_saw_it_end_on_both_sides_of_its_origin() -> None:
+    """Not where the furthest of many scans did, nor where the slots end; some scans see only a part of it."""
+    rng = np.random.default_rng(0)
+    coverage = Coverage()
+    for scan in range(60):
+        begin, end = np.array([-0.413, 0.447]) + rng.normal(0, 0.008, 2)
+        if scan % 3 == 0:
+            begin = rng.uniform(-0.35, 0.0)
+        coverage.add(np.append(np.arange(begin, end, 0.02), end))
+    assert coverage.ends() == pytest.approx((-0.413, 0.447), abs=0.004)
+
+
 def test_sightings_of_one_object_do_not_add_up_as_if_they_were_independent() -> None:
     record = ObjectRecord()
     for _ in range(50):

@@ -379,3 +379,21 @@ def test_a_structure_that_was_moved_is_said_to_be() -> None:
     assert not consistent(mapper)
     assert any("the structure was moved" in warning for warning in warnings(mapper)), warnings(mapper)
     assert len(mapper.slam.features) == 6
+
+
+def test_without_an_ahrs_the_structure_tells_how_the_vehicle_turns() -> None:
+    mapper, yaw = navigator(0.0), 0.0
+    for time_s in np.arange(0.0, 30.1, 0.2):
+        yaw = 0.02 * max(float(time_s) - 6.0, 0.0)
+        if time_s < 6.0:
+            mapper.attitude(float(time_s), np.zeros(3), np.zeros(3), 0.005)
+        mapper.velocity(float(time_s), np.zeros(3), 0.01)
+        if round(time_s / 0.2) % 10 == 0:
+            body = rotation_of(np.array([0.0, 0.0, yaw]))
+            segments = tuple(_segment(a @ body, b @ body) for a, b in STRUCTURE)
+            mapper.add_parts(Parts(segments, tuple(_sighting(p @ body) for p in OBJECTS)))
+    assert mapper.slam.vehicle[5] == pytest.approx(yaw, abs=0.01)
+    assert np.linalg.norm(mapper.slam.vehicle[:3]) < 0.03
+    assert len(mapper.slam.features) == 6
+    assert consistent(mapper)
+    assert warnings(mapper) == ["The AHRS said nothing for 24 s."]
