@@ -20,8 +20,9 @@ FEW_SCANS = 2
 """So many scans may always be strange."""
 DISPLACED_M = 0.2
 """A scan that fits only so far from where navigation has the vehicle: one of both is wrong, or the structure was moved."""
-BESIDE = 0.06
-"""Share of observations that fit none of the known features near them; pipes and objects as they are seen come to 0.02."""
+BESIDE = 0.08
+"""Share of observations that fit none of the known features near them; pipes and objects as they are seen come to 0.02 to 0.05.
+"""
 REFUSED = 0.05
 """Share of refused readings of the navigation."""
 SILENT_S = {"velocity": ("DVL", 30.0), "attitude": ("AHRS", 2.0), "depth": ("pressure sensor", 20.0)}

@@ -27,6 +27,7 @@ from device.json_text import dumps
 from device.structure.database import shipped_knowledge
 from device.structure.run import Run, VirtualChamber, run_events
 from device.structure.scores import accuracy, confusion_tables, errors, f1_scores, matching, mean_f1, scores
+from device.structure.told import warnings
 from drivers.virtual.chamber.structure import Structure, load_structure, structure_of
 from drivers.virtual.chamber.variations import varied
 from estimators.structure.types import CLASSES
@@ -119,6 +120,8 @@ def one_run(structure: Structure, seed: int, scans: int | None = None) -> tuple[
     told["tables"] = {s: table.tolist() for s, table in confusion_tables(run, matching(found, structure), structure).items()}
     told["nees"] = [round(float(value), 4) for value in errors(run, chamber)["nees"]]
     told["inconsistent"] = run.mapper.doubts.unexpected
+    told["beside"] = run.mapper.doubts.beside / max(run.mapper.doubts.near, 1)
+    told["warnings"] = warnings(run.mapper)
     told["seconds_a_scan"] = float(np.mean(run.seconds))
     return run, told, volumes
 
@@ -136,6 +139,8 @@ MAP_HEADER = (
     "ratio",
     "NEES",
     "inconsistent",
+    "beside",
+    "warnings",
     "s a scan (CPU)",
 )
 
@@ -155,6 +160,8 @@ def map_row(told: dict[str, Any]) -> list[object]:
         f"{told['dead_reckoning_rms_m'] / told['position_rms_m']:.1f}",
         f"{told['nees_mean']:.2f}",
         told["inconsistent"],
+        f"{told['beside']:.3f}",
+        len(told["warnings"]),
         f"{told['seconds_a_scan']:.2f}",
     ]
 
