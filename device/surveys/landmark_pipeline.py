@@ -39,6 +39,8 @@ SURE_SHARE = 0.05
 """Landmarks are mapped once the joints tell f * R to this share."""
 MOST_REFINED = 20_000
 """Of a longer drive only some of the pictures are looked at again, evenly."""
+UNSURE_PX = 30.0
+"""A centre that rings of the whole drive tell no better is as good as the dark at the end of the pipe."""
 LEAST_RATE = 5.0
 """Pictures a second below which flow cannot follow the wall."""
 CALIBRATED_SHARE = 0.01
@@ -231,12 +233,29 @@ class LandmarkPipeline:
         if self._mapper is None or self._refined is not None:
             return
         found = self._mapper.landmarks(with_sightings=True)
-        if found:
+        again = self._mapped_again(self._mapper) if self.setup.sparse else found
+        if again:
             seen = self._seen[:: math.ceil(len(self._seen) / MOST_REFINED)]
             config = self._mapper.config
             names = dict.fromkeys([*config.classes, *(one.label for look in seen for one in look.detections or ())])
-            refined = refine(self._mapper.camera, seen, found, config, list(names))
+            refined = refine(self._mapper.camera, seen, again, config, list(names))
             self._refined = replace(refined, landmarks=same_ids(refined.landmarks, found))
+
+    def _mapped_again(self, mapper: Mapper) -> list[Landmark]:
+        """Where stills looked is known once all rings are: the landmarks anew, from ``_seen`` with those centres."""
+        centres, radius = self._looking.centres(), mapper.camera.radius
+        for k, seen in enumerate(self._seen):
+            told = centres.get(seen.frame)
+            std = math.inf if told is None else math.sqrt(float(told.covariance[0, 0]))
+            if told is not None and std < UNSURE_PX:
+                centre, axis = (float(told.centre[0]), float(told.centre[1])), radius * told.lean
+                view = replace(seen.view, centre=centre, axis=(float(axis[0]), float(axis[1])))
+                self._seen[k] = replace(seen, view=view, centre_std=std)
+        again = Mapper(mapper.camera, mapper.config)
+        for seen in self._seen:
+            again.update(seen)
+        again.finish()
+        return again.landmarks(with_sightings=True)
 
     def paused(self) -> None:
         """The next picture does not follow the last one."""

@@ -6,6 +6,7 @@ camera's offset from the pipe's axis beside. Where neither has told it yet (a pi
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -18,7 +19,19 @@ from device.surveys.landmark_smoothing import SeenJoint
 from estimators.flow import Flow, Tracker
 from estimators.foe import Foe, FoeConfig, Follower, estimate, video_aspect
 from estimators.odometry import Position
-from estimators.rings import FocalRadius, JointConfig, JointMap, Ring, RingMap, axis_view, dark_centre, find
+from estimators.rings import (
+    AxisView,
+    FocalRadius,
+    JointConfig,
+    JointMap,
+    JointRing,
+    Ring,
+    RingMap,
+    axis_view,
+    dark_centre,
+    find,
+    ring_centres,
+)
 from estimators.view_checks import Watch
 
 Gray = NDArray[np.uint8]
@@ -131,6 +144,19 @@ class Looking:
             for k, joint in enumerate(self.solve(last=True).joints)
             for seen in joint.sightings
         ]
+
+    def centres(self) -> dict[int, AxisView]:
+        """Focus of expansion and lean by picture, from the rings of the whole drive: what stills have in place of flow. Where
+        the pipe bends, rings of a single picture lead into the next pipe."""
+        joints = self.solve(last=True).joints
+        along = [joint.chainage for joint in joints]
+        seen = []
+        for number, joint in enumerate(joints):
+            for sighting in joint.sightings:
+                passed = bisect.bisect_left(along, sighting.position)
+                if passed <= number:
+                    seen.append(JointRing(sighting.frame, passed, number, sighting.ring))
+        return ring_centres(seen)
 
     @property
     def aspect(self) -> float:
