@@ -53,7 +53,7 @@ def int8_model(network: Whole, card: ModelCard, inputs: Iterable[NDArray[np.floa
         model = _traced(network, card)
         onnx.save(model, str(plain))
         quant_pre_process(str(plain), str(ready), skip_symbolic_shape=True)
-        head = [node.name for node in onnx.load(str(ready)).graph.node if "/head/" in node.name]
+        head = [node.name for node in onnx.load(str(ready)).graph.node if not node.name.startswith("/trunk/")]
         quantize_static(
             str(ready),
             str(done),

@@ -25,9 +25,19 @@ UNHEARD = 0.3
 UPRIGHT = {"deposit", "obstacle"}
 """What lies at the invert: a picture with it must not be turned upside down."""
 FRAMES_EACH = 6
-PLACED = "connection"
-"""The class that is learnt from where it is: hardly any archive of stills has it, and image-level labels of rendered pictures
-teach the network only to know those."""
+PLACED = ("connection", "deposit")
+"""What is learnt from where it is in rendered pictures, whose image-level labels teach the network only to know those: hardly
+any archive of stills has connections, and no deposit of a still looks like those of the virtual sewer."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a thing is: ``u``, ``v`` and points of its ``outline`` as shares of width and height; none for a point."""
+
+    label: str
+    u: float
+    v: float
+    outline: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,8 +52,7 @@ class Lesson:
     source: str
     upright: bool
     kind: str
-    places: tuple[tuple[float, float], ...] = ()
-    """Where things of the class PLACED are, as shares (u, v) of width and height."""
+    places: tuple[Place, ...] = ()
 
 
 def taught_names(classes: tuple[str, ...]) -> tuple[str, ...]:
@@ -68,17 +77,17 @@ def lessons_of(stills: list[Still], names: tuple[str, ...], kind: str = "stills"
 
 def rendered_lessons(pipes: int, seed: int, names: tuple[str, ...], work: Path) -> list[Lesson]:
     """Pictures of the virtual sewer, kept in ``work``; what may or may not be made out in one weighs nothing."""
-    file = work / f"rendered_{seed}_{pipes}.npz"
+    file = work / f"rendered_places_{seed}_{pipes}.npz"
     if not file.exists():
         _render(file, pipes, seed)
     kept = np.load(file)
     pictures, facts = kept["pictures"], json.loads(str(kept["facts"]))
     found = []
     for number, (picture, fact) in enumerate(zip(pictures, facts, strict=True)):
-        seen = {label for label, _, _ in fact["seen"]}
+        places = tuple(Place(label, u, v, tuple((x, y) for x, y in outline)) for label, u, v, outline in fact["seen"])
+        seen = {place.label for place in places}
         labels = np.array([name in seen for name in names], np.float32)
         weights = np.array([name in CLASSES and name not in fact["unsure"] for name in names], np.float32)
-        places = tuple((u, v) for label, u, v in fact["seen"] if label == PLACED)
         group = f"virtual {seed}.{number // FRAMES_EACH}"
         found.append(Lesson(picture, labels, weights, group, "virtual", bool(seen & UPRIGHT), "rendered", places))
     return found
@@ -89,7 +98,9 @@ def _render(file: Path, pipes: int, seed: int) -> None:
     for frame in rendered_frames(pipes, FRAMES_EACH, seed):
         height, width = frame.image.shape[:2]
         pictures.append(cv2.resize(frame.image, KEPT, interpolation=cv2.INTER_AREA))
-        seen = [(one.label, one.u / width, one.v / height) for one in frame.seen]
+        seen = [
+            (one.label, one.u / width, one.v / height, [(u / width, v / height) for u, v in one.outline]) for one in frame.seen
+        ]
         facts.append({"seen": seen, "unsure": sorted(frame.unsure)})
     part = file.with_suffix(".part.npz")
     np.savez(part, facts=json.dumps(facts), pictures=np.stack(pictures))

@@ -9,7 +9,7 @@ import hashlib
 import json
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from estimators.fcdd_training.training import Material
 
 SHARES = {"stills": 0.7, "boxes": 0.1, "rendered": 0.2}
-"""How often each kind of picture is drawn for training."""
+"""How often each kind of picture is drawn for training the maps."""
+CONTEXT_SHARES = {"stills": 0.9, "boxes": 0.1, "rendered": 0.1}
+"""How much each kind counts for the context: with none, the rule tells nothing of a rendered pipe."""
 CALIBRATION = 64
 """Pictures that int8 is calibrated on."""
 MAP_SHARE = 0.9
@@ -59,13 +61,18 @@ class Wanted:
     precision: float = 0.7
     as_int8: bool = False
     seed: int = 1
+    told_by: tuple[str, ...] | None = None
+    """Kinds of traits that tell every class, all alike; None for each class its own."""
 
     def recipe(self) -> str:
         """A name for what scores depend on."""
+        from estimators.fcdd_training.context import RIDGE, TOLD_BY, USUAL
+
         told = (
-            self.classes.names,
+            *(USUAL, TOLD_BY, RIDGE, CONTEXT_SHARES, PLACED, self.classes.names),
             None if self.boxes is None else self.boxes.name,
             *(self.rendered, self.versions, self.rendered_versions, self.folds, self.seed),
+            *(self.told_by or ()),
         )
         return f"{self.by}_{hashlib.sha256(repr(told).encode()).hexdigest()[:10]}"
 
@@ -78,19 +85,23 @@ class School:
     lessons: list[Lesson]
     names: tuple[str, ...]
     material: Material
-    moments: NDArray[np.float32]
-    """What contexts are fitted on (versions, n, channels); version 0 is the plain picture, 1 its mirror image."""
     pretrained: dict[str, Tensor]
 
     def context(self, rows: NDArray[np.int64]) -> Context:
         """Fitted on ``rows``."""
-        from estimators.fcdd_training.context import fit_context
-        from estimators.fcdd_training.network import Context
+        from estimators.fcdd_training.context import fit_context, measure_textures
+        from estimators.fcdd_training.network import Fcdd
 
-        found = Context(self.moments.shape[2] // 2, len(self.names))
+        found = Fcdd(len(self.names), 1).head.context
         kinds = [lesson.kind for lesson in self.lessons]
-        shares = np.array([SHARES[kind] / kinds.count(kind) for kind in kinds], np.float32)
-        fit_context(found, self.moments, self.material, shares, rows)
+        shares = np.array([CONTEXT_SHARES[kind] / kinds.count(kind) for kind in kinds], np.float32)
+        measure_textures(found, self.material, rows[np.array([kinds[row] != "rendered" for row in rows])])
+        # what is learnt from places in rendered pictures is learnt from those alone: of the rest they are only without it
+        weights = self.material.weights.copy()
+        for column in (self.names.index(label) for label in PLACED if label in self.names):
+            weights[np.array([kind == "rendered" for kind in kinds]) & (self.material.labels[:, column] > 0), column] = 0
+        material = replace(self.material, weights=weights)
+        fit_context(found, material, shares, rows, self.wanted.classes.names, self.wanted.told_by)
         return found
 
     def network(self, note: Note) -> Fcdd:
@@ -116,8 +127,6 @@ def school_of(wanted: Wanted, note: Note) -> School:
 
     import torch
 
-    from estimators.fcdd_training.context import moments_of
-
     torch.set_num_threads(1)
     wanted.work.mkdir(parents=True, exist_ok=True)
     trunk = trunk_model(weights, wanted.work)
@@ -136,7 +145,7 @@ def school_of(wanted: Wanted, note: Note) -> School:
     lessons = [lesson for part in parts for lesson in part]
     taps = tuple(Versions(tuple(found)) for found in zip(*seen, strict=True))
     material = material_of(lessons, taps, wanted.classes.names)
-    return School(wanted, lessons, names, material, moments_of(material), weights)
+    return School(wanted, lessons, names, material, weights)
 
 
 def material_of(lessons: list[Lesson], taps: tuple[Versions, ...], classes: tuple[str, ...]) -> Material:
@@ -158,6 +167,8 @@ def out_of_fold(school: School, note: Note) -> NDArray[np.float64]:
     no near duplicate of it: the mean of the plain and the mirrored picture. Each fold is kept in the work folder."""
     import torch
 
+    from estimators.fcdd_training.context import traits_of
+
     wanted, lessons, material = school.wanted, school.lessons, school.material
     count = len(wanted.classes.names)
     clusters = np.array([lesson.group for lesson in lessons])
@@ -169,9 +180,9 @@ def out_of_fold(school: School, note: Note) -> NDArray[np.float64]:
         train = np.flatnonzero((fold != k) & ~np.isin(clusters, clusters[test]))
         file = wanted.work / f"scores_{wanted.recipe()}_{k}.npy"
         if not file.exists():
-            rule = school.context(train).rule
+            context = school.context(train)
             with torch.no_grad():
-                told = torch.sigmoid(rule(torch.from_numpy(school.moments[:2, test]))).mean(dim=0)
+                told = torch.sigmoid(context.rule(torch.from_numpy(traits_of(context, material, test, 2)))).mean(dim=0)
             np.save(file, told[:, :count].numpy())
             note(f"fold {k + 1} of {wanted.folds} by {wanted.by}")
         found[test] = np.load(file)
@@ -239,10 +250,13 @@ def train_model(wanted: Wanted, note: Note) -> dict[str, float | None]:
     net = school.network(note)
     net.head.cut(len(names))
     thresholds, heights = score_thresholds(scores, school), map_thresholds(net, school)
-    if PLACED in names:
-        placed = learn_places(net, lessons, material, names.index(PLACED), note)
+    for label in sorted(set(PLACED) & set(names)):
+        column = names.index(label)
+        real = any(lesson.kind != "rendered" and lesson.labels[column] > 0 for lesson in lessons)
+        placed = learn_places(net, lessons, material, column, label, thresholds[label] if real else None, note)
         if placed is not None:
-            thresholds[PLACED], heights[PLACED] = placed
+            thresholds[label] = placed[0]
+            heights[label] = heights[label] if real else placed[1]
     stills = np.array([lesson.kind == "stills" for lesson in lessons])
     labels = material.labels[:, : len(names)] > 0
     found = {

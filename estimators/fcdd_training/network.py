@@ -6,7 +6,7 @@ batch-norm eps 1e-3. Head: eqs. 8 and 9 of the CCTV paper.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -34,6 +34,13 @@ BLOCKS = (
 STEM = 32
 TAPS = (7, 10, 15)
 """Blocks that the head looks at: texture and edges at a stride of 16 pixels, parts of things there, whole things at 32."""
+COMPONENTS = 24
+"""Of a tap, whose second moments are looked at; with 48 unseen archives are told apart worse."""
+TRAITS = ("mean", "deviation", "own moments", "moments")
+"""Of a tap: mean and deviation of its channels, second moments of its components about their own mean and about that of all
+pictures."""
+GAIN = 3.5
+"""The slope of a map that is learnt from places: a sure cell (6) has an anomaly of 20."""
 
 
 class Same(nn.Conv2d):
@@ -104,41 +111,117 @@ class Trunk(nn.Module):
         self.load_state_dict({name: weights[name] for name in own})
 
 
+class Texture(nn.Module):
+    """How the leading components of a tap vary together over the picture: bilinear pooling (Lin et al. 2015) of COMPONENTS
+    channels, whose projection is that of ``measure`` and is not trained.
+
+    The second moments about the picture's own mean know nothing of its colour and light, those about the mean of all pictures
+    do; of each the signed root is taken, as is usual, lest the strongest components tell everything.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.project = nn.Conv2d(channels, COMPONENTS, 1).requires_grad_(False)
+        self.register_buffer("above", torch.triu(torch.ones(COMPONENTS, COMPONENTS)).flatten().nonzero()[:, 0])
+
+    def measure(self, tap: Tensor) -> None:
+        """Project on the principal components of ``tap`` (n, channels, h, w), each to mean 0 and deviation 1."""
+        cells = tap.transpose(0, 1).flatten(1)
+        mean = cells.mean(dim=1)
+        values, vectors = torch.linalg.eigh(torch.cov(cells))
+        leading = (vectors[:, -COMPONENTS:] * torch.rsqrt(values[-COMPONENTS:] + 1e-6)).T
+        with torch.no_grad():
+            self.project.weight.copy_(leading[:, :, None, None])
+            self.project.bias.copy_(-leading @ mean)  # type: ignore[union-attr]
+
+    def forward(self, tap: Tensor) -> tuple[Tensor, Tensor]:
+        """Moments (n, COMPONENTS (COMPONENTS + 1) / 2) about the picture's own mean, and about that of all."""
+        z = self.project(tap).flatten(2)
+        mean = z.mean(dim=2, keepdim=True)
+        own = torch.matmul(z - mean, (z - mean).transpose(1, 2)) / z.shape[2]
+        return self._rooted(own), self._rooted(own + torch.matmul(mean, mean.transpose(1, 2)))
+
+    def _rooted(self, moments: Tensor) -> Tensor:
+        upper = moments.flatten(1)[:, self.above]
+        return torch.sign(upper) * torch.sqrt(torch.abs(upper))
+
+
 class Context(nn.Module):
-    """Whether the picture as a whole shows a class: a linear rule on the mean and the deviation of each channel.
+    """Whether the picture as a whole shows a class: a linear rule on what each tap is like over the picture, its traits.
 
     Maps of small cells say where a thing is, but the mean of a map (z of eq. 9) tells pictures of unknown cameras apart worse
     than this rule does. It is fitted by itself (context.py); classes without one are told by their maps.
     """
 
-    def __init__(self, inputs: int, classes: int) -> None:
+    def __init__(self, widths: Sequence[int], classes: int) -> None:
         super().__init__()
-        self.rule = nn.Linear(2 * inputs, classes)
+        self.textures = nn.ModuleList(Texture(width) for width in widths)
+        pairs = COMPONENTS * (COMPONENTS + 1) // 2
+        self.groups = tuple(
+            (kind, size) for width in widths for kind, size in zip(TRAITS, (width, width, pairs, pairs), strict=True)
+        )
+        """Kind and number of the traits, in their order."""
+        self.rule = nn.Linear(sum(size for _, size in self.groups), classes)
         self.register_buffer("known", torch.zeros(classes))
         nn.init.zeros_(self.rule.weight)
         nn.init.zeros_(self.rule.bias)
 
+    def traits(self, features: tuple[Tensor, ...]) -> Tensor:
+        """(n, all of ``groups``)."""
+        found: list[Tensor] = []
+        for texture, tap in zip(self.textures, features, strict=True):
+            mean = tap.mean(dim=(2, 3), keepdim=True)
+            spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
+            found.extend((mean[:, :, 0, 0], spread, *texture(tap)))
+        return torch.cat(found, dim=1)
+
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
         """The logit (n, classes) of each class, 0 where there is no rule."""
-        found: Tensor = self.rule(torch.cat([moments(tap) for tap in features], dim=1))
+        found: Tensor = self.rule(self.traits(features))
         return found
 
 
-def moments(tap: Tensor) -> Tensor:
-    """Mean and deviation over the picture (n, 2 channels) of each channel of ``tap`` (n, channels, h, w)."""
-    mean = tap.mean(dim=(2, 3), keepdim=True)
-    spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
-    return torch.cat([mean[:, :, 0, 0], spread], dim=1)
+class Places(nn.Module):
+    """Maps of classes that are learnt from where they are (placed.py): of each cell a linear rule, cut to 0..6 and stretched.
+    Nothing is learnt here; without a rule a class has no such map."""
+
+    def __init__(self, widths: Sequence[int], classes: int) -> None:
+        super().__init__()
+        self.taps = nn.ModuleList(nn.Conv2d(width, classes, 1, bias=k == 0) for k, width in enumerate(widths))
+        for value in self.parameters():
+            nn.init.zeros_(value)
+        self.requires_grad_(False)
+        self.register_buffer("alone", torch.zeros(classes))
+        self.register_buffer("strength", torch.zeros(classes))
+
+    def forward(self, features: tuple[Tensor, ...]) -> Tensor:
+        """Anomaly maps (n, classes, h, w), 0 for a class without a rule."""
+        return anomaly(GAIN * functional.relu6(_summed(self.taps, features)))
+
+
+def _summed(convolutions: Iterable[nn.Module], taps: Iterable[Tensor]) -> Tensor:
+    """The sum of what each convolution makes of its tap, in the size of the first; the coarse one is enlarged."""
+    found: Tensor | None = None
+    for convolution, tap in zip(convolutions, taps, strict=True):
+        y = convolution(tap)
+        if found is None:
+            found = y
+        else:
+            found = found + (
+                y if y.shape[2:] == found.shape[2:] else functional.interpolate(y, size=found.shape[2:], mode="bilinear")
+            )
+    assert found is not None
+    return found
 
 
 class Head(nn.Module):
     """From the features of ``TAPS`` to the maps: every tap is brought to ``hidden`` channels, the coarse one enlarged, their
-    sum goes through ReLU6 to one map per class, and that through eq. 8. Its context says whether, the maps say where."""
+    sum goes through ReLU6 to one map per class, and that through eq. 8. Its context says whether, the maps say where; what was
+    learnt from places says both."""
 
     def __init__(self, classes: int, hidden: int, dropout: float = 0.0) -> None:
         super().__init__()
         widths = [BLOCKS[tap][3] for tap in TAPS]
-        self.context = Context(sum(widths), classes)
         self.scales = nn.ModuleList(nn.BatchNorm2d(width, eps=1e-3, affine=False) for width in widths)
         self.taps = nn.ModuleList(
             nn.Conv2d(width, hidden, 1, bias=tap == TAPS[0]) for tap, width in zip(TAPS, widths, strict=True)
@@ -147,29 +230,29 @@ class Head(nn.Module):
         self.maps = nn.Conv2d(hidden, classes, 1)
         # at phi = 0 the transformation has no slope to learn from
         nn.init.constant_(self.maps.bias, 0.5)  # type: ignore[arg-type]
+        self.context, self.places = Context(widths, classes), Places(widths, classes)
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
-        """Anomaly maps A_k >= 0 (n, classes, h / 16, w / 16)."""
-        size = features[0].shape[2:]
-        mixed = torch.zeros(1)
-        for scale, tap, x in zip(self.scales, self.taps, features, strict=True):
-            y = tap(self.dropout(scale(x)))
-            mixed = mixed + (y if y.shape[2:] == size else functional.interpolate(y, size=size, mode="bilinear"))
-        return anomaly(self.maps(functional.relu6(mixed)))
+        """Anomaly maps A_k >= 0 (n, classes, h / 16, w / 16), as image-level labels taught them."""
+        scaled = (self.dropout(scale(x)) for scale, x in zip(self.scales, features, strict=True))
+        return anomaly(self.maps(functional.relu6(_summed(self.taps, scaled))))
 
     def cut(self, classes: int) -> None:
-        """Leave only the first ``classes`` maps."""
+        """Leave only the first ``classes`` maps. Before anything is learnt from places."""
         maps, rule = nn.Conv2d(self.maps.in_channels, classes, 1), nn.Linear(self.context.rule.in_features, classes)
         for old, new in ((self.maps, maps), (self.context.rule, rule)):
             new.weight = nn.Parameter(old.weight.detach()[:classes])
             new.bias = nn.Parameter(old.bias.detach()[:classes])  # type: ignore[union-attr]
         self.maps, self.context.rule, self.context.known = maps, rule, self.context.known[:classes]
+        self.places = Places([int(tap.in_channels) for tap in self.taps], classes)
 
-    def told(self, features: tuple[Tensor, ...], maps: Tensor) -> Tensor:
-        """Scores (n, classes) in 0..1: by the context where the class has one, else 1 - exp(-z) of its map, eq. 9."""
-        by_map = 1 - torch.exp(-score(maps))
+    def told(self, features: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
+        """Maps, and scores (n, classes) in 0..1: by the context where the class has one, else 1 - exp(-z) of its map, eq. 9;
+        what was learnt from places is a second, independent witness."""
+        maps, placed = self(features) * (1 - self.places.alone[:, None, None]), self.places(features)
         known = self.context.known
-        return known * torch.sigmoid(self.context(features)) + (1 - known) * by_map
+        seen = known * torch.sigmoid(self.context(features)) + (1 - known) * (1 - torch.exp(-score(maps)))
+        return maps + placed, 1 - (1 - seen) * torch.exp(-self.places.strength * score(placed))
 
     def fold(self) -> None:
         """Put the scales into what lies behind them: the same maps for less work. Once, after training."""
@@ -199,8 +282,8 @@ class Fcdd(nn.Module):
 
     def told(self, features: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
         """Maps, and scores (n, classes)."""
-        maps = self.head(features)
-        return maps, self.head.told(features, maps)
+        found: tuple[Tensor, Tensor] = self.head.told(features)
+        return found
 
 
 class Whole(nn.Module):
@@ -236,10 +319,10 @@ def loss(maps: Tensor, labels: Tensor, weights: Tensor) -> Tensor:
 
 def merged(heads: list[Head]) -> Head:
     """One head that gives the mean of the outputs phi of several, each trained from another seed: their hidden channels side by
-    side. Trunk, scales and context must be the same for all."""
+    side. Trunk, scales, context and places must be the same for all."""
     hidden = sum(head.maps.in_channels for head in heads)
     found = Head(heads[0].maps.out_channels, hidden)
-    found.scales, found.context = heads[0].scales, heads[0].context
+    found.scales, found.context, found.places = heads[0].scales, heads[0].context, heads[0].places
     with torch.no_grad():
         for k, tap in enumerate(found.taps):
             tap.weight.copy_(torch.cat([head.taps[k].weight for head in heads]))

@@ -6,22 +6,23 @@ whatever it showed); a cell with the thing against all cells around it cannot be
 
 from __future__ import annotations
 
-import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-from estimators.fcdd_training.network import Head
+from estimators.fcdd_training.network import GAIN, Places
 
 Floats = NDArray[np.float32]
 
-GAIN = 3.5
-"""The map's slope over the unit: a sure cell (the unit at its end, 6) has an anomaly of 20."""
+FINE = 16
+"""Pixels to a side of a cell where it is counted how much of it is covered."""
 MARGIN = 1.0
-"""The unit begins to rise so far (in units of logit) before the cell is more likely than not."""
+"""A map begins to rise so far (in units of logit) before the cell is more likely than not."""
 
 
 @dataclass(frozen=True)
@@ -58,40 +59,30 @@ def fit_cells(cells: Floats, labels: Floats, decay: float = 3e-3, balance: float
     return CellRule(np.asarray(raw, np.float32), float(bias.detach()[0]) - float(raw @ mean))
 
 
-def grafted(head: Head, column: int, rule: CellRule) -> Head:
-    """``head`` whose map of class ``column`` is that of the rule: one more hidden channel, ReLU6(logit + MARGIN), and nothing
-    else, goes to that map. ``rule`` is on all taps' features side by side, the coarse one enlarged."""
-    hidden = head.maps.in_channels
-    found = Head(head.maps.out_channels, hidden + 1)
-    found.scales, found.context = head.scales, copy.deepcopy(head.context)
+def grafted(places: Places, column: int, rule: CellRule, strength: float, alone: bool) -> None:
+    """Gives ``places`` the map of class ``column``. ``rule`` is on all taps' features side by side, the coarse one enlarged;
+    ``strength`` is what a mean anomaly of 1 counts as a witness. ``alone``: the class has no other map."""
     start = 0
-    bias = rule.bias + MARGIN
     with torch.no_grad():
-        for k, (old, new) in enumerate(zip(head.taps, found.taps, strict=True)):
-            part = torch.from_numpy(rule.weight[start : start + new.in_channels])
-            start += new.in_channels
-            scale = head.scales[k]
-            spread = torch.sqrt(scale.running_var + scale.eps)
-            # the head sees (x - mean) / spread, the rule x
-            new.weight.copy_(torch.cat([old.weight, (part * spread)[None, :, None, None]]))
-            bias += float(part @ scale.running_mean)
-            if new.bias is not None:
-                new.bias[:hidden] = old.bias
-        found.taps[0].bias[hidden] = bias
-        assert found.maps.bias is not None  # a Conv2d of the head has one
-        assert head.maps.bias is not None
-        found.maps.weight.zero_()
-        found.maps.weight[:, :hidden] = head.maps.weight
-        found.maps.weight[column] = 0
-        found.maps.weight[column, hidden] = GAIN
-        found.maps.bias.copy_(head.maps.bias)
-        found.maps.bias[column] = 0
-        # and whether it is there, from its cells alone
-        found.context.rule.weight[column] = 0
-        found.context.rule.bias[column] = 0
-        found.context.known[column] = 0
-    found.eval()
-    return found
+        for tap in places.taps:
+            tap.weight[column] = torch.from_numpy(rule.weight[start : start + tap.in_channels])[:, None, None]
+            start += tap.in_channels
+        places.taps[0].bias[column] = rule.bias + MARGIN
+        places.strength[column], places.alone[column] = strength, float(alone)
+
+
+def witness(logits: Floats) -> float:
+    """The mean anomaly of a map whose cells have ``logits`` (h, w)."""
+    return float((np.sqrt((GAIN * np.clip(logits + MARGIN, 0, 6)) ** 2 + 1) - 1).mean())
+
+
+def covered(outline: Sequence[tuple[float, float]], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which cells of a grid of ``size`` (rows, columns) are covered by half; ``outline`` in shares of width and height."""
+    rows, columns = size
+    fine = np.zeros((rows * FINE, columns * FINE), np.uint8)
+    corners = np.round(np.asarray(outline) * (columns * FINE, rows * FINE)).astype(np.int32)
+    cv2.fillPoly(fine, [corners], (1,))
+    return np.asarray(fine.reshape(rows, FINE, columns, FINE).mean(axis=(1, 3)) >= 0.5)
 
 
 def cell_of(u: float, v: float, size: tuple[int, int]) -> tuple[int, int]:
@@ -100,8 +91,6 @@ def cell_of(u: float, v: float, size: tuple[int, int]) -> tuple[int, int]:
     return min(max(int(v * rows), 0), rows - 1), min(max(int(u * columns), 0), columns - 1)
 
 
-def around(row: int, column: int, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """The cell and its neighbours, which may show a part of the thing: neither with it nor without."""
-    found = np.zeros(size, bool)
-    found[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2] = True
-    return found
+def around(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """``cells`` (rows, columns) and their neighbours, which may show a part of the thing: neither with it nor without."""
+    return np.asarray(cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)

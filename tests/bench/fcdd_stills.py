@@ -28,6 +28,8 @@ from tests.bench.table import print_table
 LEAST = 20
 """No figure is given for a class with fewer positives."""
 PRECISION = 0.7
+PARTS = (("mean", "deviation"), ("own moments",), ("moments",))
+"""Kinds of traits that tell every class in the ablation, instead of those that each class has."""
 WANTED = {
     "cluster": {"roots": 0.98, "fracture": 0.94, "deposit": 0.92, "displaced joint": 0.88},
     "collection": {"roots": 0.95, "fracture": 0.91, "deposit": 0.88, "displaced joint": 0.82},
@@ -38,7 +40,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.fcdd_stills", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--work", type=Path, required=True, help="where features and folds are kept between runs")
     parser.add_argument("--by", choices=["cluster", "collection"], help="one split only")
-    parser.add_argument("--ablation", action="store_true", help="stills alone, with boxes, with rendered pictures")
+    parser.add_argument("--ablation", action="store_true", help="by sources of data, and by parts of the context")
     parser.add_argument("--rendered", type=int, default=Wanted.rendered)
     chosen = vars(parser.parse_args())
     only, ablation = chosen.pop("by"), chosen.pop("ablation")
@@ -82,6 +84,7 @@ def _ablation(wanted: Wanted) -> None:
         "stills, boxes": replace(wanted, rendered=0, boxes=boxes),
         "stills, rendered": wanted,
         "stills, boxes, rendered": replace(wanted, boxes=boxes),
+        **{f"stills, rendered; by {' and '.join(kinds)}": replace(wanted, told_by=kinds) for kinds in PARTS},
     }
     rows = []
     for name, one in sources.items():

@@ -9,9 +9,29 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
 
-from estimators.fcdd_training.context import fit_context, moments_of  # noqa: E402
-from estimators.fcdd_training.network import Context, Fcdd, Same, Trunk, Whole, anomaly, loss, score  # noqa: E402
-from estimators.fcdd_training.placed import GAIN, MARGIN, CellRule, fit_cells, grafted  # noqa: E402
+from estimators.fcdd_training.context import fit_context, measure_textures, traits_of  # noqa: E402
+from estimators.fcdd_training.network import (  # noqa: E402
+    COMPONENTS,
+    GAIN,
+    Context,
+    Fcdd,
+    Same,
+    Texture,
+    Trunk,
+    Whole,
+    anomaly,
+    loss,
+    score,
+)
+from estimators.fcdd_training.placed import (  # noqa: E402
+    MARGIN,
+    CellRule,
+    around,
+    covered,
+    fit_cells,
+    grafted,
+    witness,
+)
 from estimators.fcdd_training.training import Material, TrainConfig, fit  # noqa: E402
 
 
@@ -82,14 +102,15 @@ def test_a_context_tells_what_its_pictures_look_like_and_no_rare_class() -> None
     # the class is told by how uneven some channels are, which no mean knows
     taps[1][:, :, :40] *= np.where(labels[:, 0] > 0, 3, 1)[None, :, None, None, None].astype(np.float16)
     material = Material(tuple(taps), labels, np.ones_like(labels), np.full(90, 1 / 90))
-    seen = moments_of(material, versions=2)
-    assert seen.shape == (2, 90, 1024)
-    context = Context(512, 2)
-    fit_context(context, seen, material, np.ones(90, np.float32), np.arange(0, 90, 2))
+    context = Context((80, 112, 320), 2)
+    rows = np.arange(0, 90, 2)
+    measure_textures(context, material, rows)
+    assert traits_of(context, material, rows, 2).shape == (2, 45, context.rule.in_features)
+    fit_context(context, material, np.ones(90, np.float32), rows, ("roots", "fracture"))
     with torch.no_grad():
         told = context(tuple(torch.from_numpy(tap[0][1::2].astype(np.float32)) for tap in taps)).numpy()
     positive = labels[1::2, 0] > 0
-    assert told[positive, 0].mean() > told[~positive, 0].mean() + 1
+    assert told[positive, 0].mean() > told[~positive, 0].mean() + 0.8
     assert context.known.tolist() == [1.0, 0.0]
     assert (told[:, 1] == 0).all()
 
@@ -135,22 +156,55 @@ def test_a_head_learns_what_can_be_seen_and_repeats_itself() -> None:
     assert np.array_equal(found, again)
 
 
-def test_a_grafted_rule_is_the_map_of_its_class_and_leaves_the_others() -> None:
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_grafted_rule_is_a_map_of_its_class_and_leaves_the_others(alone: bool) -> None:
     torch.manual_seed(2)
     head = Fcdd(3, 8).eval().head
-    for scale in head.scales:
-        scale.running_mean.normal_()
-        scale.running_var.uniform_(0.5, 2)
+    head.context.known[:] = 1.0
     features = tuple(torch.randn(1, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
-    rng = np.random.default_rng(6)
-    rule = CellRule(rng.normal(0, 0.05, 512).astype(np.float32), 0.3)
+    rule = CellRule(np.random.default_rng(6).normal(0, 0.05, 512).astype(np.float32), 0.3)
     with torch.no_grad():
-        before, after = head(features), grafted(head, 1, rule)(features)
+        before, seen = head.told(features)
+        grafted(head.places, 1, rule, 0.4, alone)
+        after, told = head.told(features)
         coarse = torch.nn.functional.interpolate(features[2], size=(15, 20), mode="bilinear")
         side_by_side = torch.cat([*features[:2], coarse], dim=1).numpy()
-    unit = np.clip(rule.logits(side_by_side)[0] + MARGIN, 0, 6)
-    assert np.allclose(after[0, 1].numpy(), np.sqrt((GAIN * unit) ** 2 + 1) - 1, atol=2e-3)
+    logits = rule.logits(side_by_side)[0]
+    placed = np.sqrt((GAIN * np.clip(logits + MARGIN, 0, 6)) ** 2 + 1) - 1
+    assert np.allclose(after[0, 1].numpy(), placed + (0 if alone else before[0, 1].numpy()), atol=2e-3)
     assert torch.allclose(before[:, [0, 2]], after[:, [0, 2]], atol=1e-5)
+    # two witnesses: it is absent only where neither saw it
+    assert float(1 - told[0, 1]) == pytest.approx(float(1 - seen[0, 1]) * math.exp(-0.4 * witness(logits)), rel=1e-3)
+    assert torch.allclose(seen[:, [0, 2]], told[:, [0, 2]])
+
+
+def test_moments_about_the_own_mean_do_not_know_the_colour_and_the_others_do() -> None:
+    torch.manual_seed(5)
+    texture = Texture(30)
+    taps = torch.randn(20, 30, 6, 7)
+    texture.measure(taps)
+    with torch.no_grad():
+        own, about_all = texture(taps)
+        # over all pictures the components have mean 0, deviation 1 and nothing in common
+        z = texture.project(taps).transpose(0, 1).flatten(1)
+        assert torch.allclose(z @ z.T / z.shape[1], torch.eye(COMPONENTS), atol=2e-3)
+        brighter, brighter_all = texture(taps + 0.5)
+    assert own.shape == about_all.shape == (20, COMPONENTS * (COMPONENTS + 1) // 2)
+    assert torch.allclose(own, brighter, atol=2e-3)
+    assert float((about_all - brighter_all).abs().max()) > 0.1
+
+
+def test_cells_that_are_covered_by_half() -> None:
+    # of 4 x 4 cells the lower left quarter, and a strip that covers less than half of the cells beside it
+    assert covered([(0, 0.5), (0.6, 0.5), (0.6, 1), (0, 1)], (4, 4)).tolist() == [
+        [False] * 4,
+        [False] * 4,
+        [True, True, False, False],
+        [True, True, False, False],
+    ]
+    alone = np.zeros((4, 4), bool)
+    alone[0, 0] = True
+    assert around(alone).sum() == 4
 
 
 def test_a_rule_of_cells_finds_the_direction_that_tells_them_apart() -> None:
