@@ -111,6 +111,7 @@ def main() -> None:
         both_ends(scores, references),
     )
     agreement(scores, references, "its own band each")
+    ceiling(scores, references)
     agreement(same_band, references, "the reference's band")
     known_sizes(folder)
     if options.sheet is not None:
@@ -223,6 +224,29 @@ def agreement(scores: dict[tuple[str, str], float], references: dict[tuple[str, 
         print_table(
             f"Our score against the reference's, pairs that both fitted: {where}", ("", "pairs", "Spearman", "95 %"), rows
         )
+
+
+def ceiling(scores: dict[tuple[str, str], float], references: dict[tuple[str, str], float]) -> None:
+    """What two scores of the same pipes can agree in at most: no score agrees with another more than with itself, and two are
+    expected to agree in the root of the product of how each repeats itself (Spearman's attenuation). Means of both ends repeat
+    themselves better: 2 r / (1 + r)."""
+    both = {pipe for pipe, end in references if end == "Front" and (pipe, "Back") in references}
+    pipes = sorted(pipe for pipe in both if (pipe, "Front") in scores and (pipe, "Back") in scores)
+    if len(pipes) < 4:
+        return
+    ends = [np.array([[side[pipe, end] for pipe in pipes] for end in ("Front", "Back")]) for side in (scores, references)]
+    repeats = [max(float(spearmanr(front, back).statistic), 0.0) for front, back in ends]
+    means = [2 * one / (1 + one) for one in repeats]
+    rows = []
+    for label, chosen, agreed in (
+        ("each end", np.hstack, repeats),
+        ("mean of both ends", lambda side: side.mean(axis=0), means),
+    ):
+        ours, theirs = (chosen(side) for side in ends)
+        most = f"{np.sqrt(agreed[0] * agreed[1]):.2f}"
+        rows.append((label, len(ours), f"{spearmanr(ours, theirs).statistic:.2f}", interval(ours, theirs), most))
+    header = ("", "scores", "Spearman", "95 %", "expected of two scores of one thing")
+    print_table("Our score against the reference's, on pipes that both fitted from both ends", header, rows)
 
 
 def known_sizes(folder: PairFolder) -> None:
