@@ -50,6 +50,11 @@ class Coverage:
             self._ends = self._found_ends()
         return self._ends
 
+    def shown(self, along: float, reach: float = 0.2) -> int:
+        """How many scans showed the pipe within ``reach`` (m) of a place: so often something that sits there could be seen."""
+        at, wide = int(np.floor(along / BIN)) + _HALF, round(reach / BIN)
+        return int(self._counts[max(at - wide, 0) : max(at + wide + 1, 0)].max(initial=0))
+
     def _found_ends(self) -> tuple[float, float]:
         least = 1 if self.scans < 3 else max(2, round(0.05 * float(np.percentile(self._counts[self._counts > 0], 90))))
         where = np.flatnonzero(self._counts >= least)

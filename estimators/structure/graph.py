@@ -20,6 +20,8 @@ ON_AXIS = 0.06
 BEYOND = 0.16
 """A pipe leaves an object in a direction where it is seen further than this (m): fittings end before."""
 LEAST_LENGTH = 0.30
+SEEN = 0.12
+"""Of the scans that show the pipe beside an object so many show the object as well; real ones come to 0.4 and more."""
 WITH_HANDLE = ("ball valve", "butterfly valve", "3-way valve")
 
 
@@ -109,7 +111,7 @@ def final_map(
     lines = [f for f in lines if np.ptp(coverage[f.number].ends()) >= LEAST_LENGTH]
     lines = _without_doubles(lines, coverage)
     points = [f for f in slam.features.values() if f.point is not None and f.number in records and f.sightings >= least]
-    points = [f for f in points if _on_any(f, lines, coverage)]
+    points = [f for f in points if f.sightings > SEEN * _shown(f, lines, coverage)]
     edges = []
     pipes = []
     for feature in lines:
@@ -165,14 +167,16 @@ def _edge_belief(slam: StructureFilter, thing: Feature, off: float, along: float
     return float(norm.cdf((ON_AXIS - off) / sigma) * norm.cdf((BEYOND - beyond) / (sigma + 0.03)))
 
 
-def _on_any(thing: Feature, lines: list[Feature], coverage: Mapping[int, Coverage]) -> bool:
+def _shown(thing: Feature, lines: list[Feature], coverage: Mapping[int, Coverage]) -> float:
+    """How many scans showed a pipe where an object sits on it; infinite for one that sits on none."""
     assert thing.point is not None
+    shown = []
     for feature in lines:
         along, off = _place(feature, thing.point)
         low, high = coverage[feature.number].ends()
         if off < ON_AXIS and low - BEYOND < along < high + BEYOND:
-            return True
-    return False
+            shown.append(coverage[feature.number].shown(along))
+    return max(shown, default=np.inf)
 
 
 def _without_doubles(lines: list[Feature], coverage: Mapping[int, Coverage]) -> list[Feature]:

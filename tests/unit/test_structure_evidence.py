@@ -85,6 +85,14 @@ def test_a_pipe_ends_where_most_scans_saw_it_end_on_both_sides_of_its_origin() -
     assert coverage.ends() == pytest.approx((-0.413, 0.447), abs=0.004)
 
 
+def test_how_often_something_on_a_pipe_could_have_been_seen() -> None:
+    coverage = Coverage()
+    for scan in range(20):
+        coverage.add(np.arange(0.0, 0.5 if scan < 15 else 1.5, 0.01))
+    assert (coverage.shown(0.2), coverage.shown(0.65), coverage.shown(1.0), coverage.shown(3.0)) == (20, 20, 5, 0)
+    assert coverage.shown(-1e3) == coverage.shown(1e3) == 0
+
+
 def test_sightings_of_one_object_do_not_add_up_as_if_they_were_independent() -> None:
     record = ObjectRecord()
     for _ in range(50):

@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from device.structure.told import consistent, warnings
+from estimators.structure.coverage import Coverage
 from estimators.structure.features import new_line, new_point, observe_line, observe_point
+from estimators.structure.graph import final_map
 from estimators.structure.jcbb import Candidate, associate, gate
 from estimators.structure.mapper import Knowledge, StructureMapper
+from estimators.structure.objects_map import ObjectRecord
 from estimators.structure.recognition import Views
 from estimators.structure.slam import SlamSettings, StructureFilter
 from estimators.structure.types import Array, Parts, Segment, Sighting
@@ -397,3 +400,19 @@ def test_without_an_ahrs_the_structure_tells_how_the_vehicle_turns() -> None:
     assert len(mapper.slam.features) == 6
     assert consistent(mapper)
     assert warnings(mapper) == ["The AHRS said nothing for 24 s."]
+
+
+def test_what_few_of_many_scans_saw_on_a_pipe_is_no_object() -> None:
+    slam, coverage, records = mapped(60), {}, {}
+    for number, feature in slam.features.items():
+        if feature.line is None:
+            records[number] = ObjectRecord()
+            continue
+        coverage[number] = Coverage()
+        for _ in range(60):
+            coverage[number].add(np.arange(feature.low, feature.high, 0.02))
+    assert len(final_map(slam, coverage, records, 60).objects) == 3
+    inline = next(f for f in slam.features.values() if f.point is not None and abs(f.point[1]) < 0.1)
+    for seen, there in ((6, 2), (9, 3)):
+        inline.sightings = seen
+        assert len(final_map(slam, coverage, records, 60).objects) == there
