@@ -87,6 +87,7 @@ def part_of(count: int) -> Json:
         "track": [{"time_s": 2.0 * k, "position": [3.0 - 0.1 * k, 0.3 * k, 3.8]} for k in range(count + 1)],
         "consistent": True,
         "inconsistent_scans": 0,
+        "warnings": ["The AHRS said nothing for 24 s."],
     }
 
 

@@ -39,6 +39,7 @@ def test_a_chamber_grows_on_the_page_and_leads_to_its_map(screen: Watched, devic
     page.click("#end")
     page.wait_for_url("**/surveys/901")
     expect(page.locator("#summary-title")).to_have_text("Pump station 4")
+    expect(page.locator(".prompt .reason")).to_contain_text("The AHRS said nothing for 24 s.")
     expect(page.locator("#chamber-graph .edge")).not_to_have_count(0)
     with page.expect_download() as waited:
         page.get_by_role("link", name="JSON graph").click()
