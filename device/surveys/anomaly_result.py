@@ -165,8 +165,10 @@ def _joint(joint: Joint) -> Result:
     return {
         "z_m": round(joint.depth, 3),
         "gap_mm": _mm(joint.gap, 1),
+        "gap_sigma_mm": _mm(joint.gap_std, 1),
         "step_mm": _mm(joint.step, 1),
         "offset_mm": _mm(joint.offset, 1) if joint.offset is not None else None,
+        "offset_sigma_mm": _mm(joint.offset_std, 1),
         "offset_clock": clock(joint.offset_theta) if joint.offset_theta is not None else None,
     }
 

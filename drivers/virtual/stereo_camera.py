@@ -17,7 +17,7 @@ from drivers.base import FrameTimeout, SensorLost, SensorMissing
 from drivers.stereo.base import StereoCamera, StereoFrame
 from drivers.virtual.faults import FaultScript
 from drivers.virtual.rig import Pose
-from drivers.virtual.world import END, NOTHING, VirtualSewer
+from drivers.virtual.world import END, JOINT, NOTHING, VirtualSewer
 from estimators.pinhole import Intrinsics, rays
 
 Array = NDArray[np.float32]
@@ -31,12 +31,14 @@ _STEP_M = 0.25
 @dataclass(frozen=True)
 class StereoLook:
     """``grain`` is the contrast of the wall's texture (0.3 weathered concrete, 0.02 new plastic); ``smooth`` stretches of pipe,
-    (from, to) in m, with a tenth of it; ``light`` the mean grey; ``noise`` of the sensor in grey values."""
+    (from, to) in m, with a tenth of it; ``light`` the mean grey; ``noise`` of the sensor in grey values; ``gap`` how bright the
+    inside of a joint is against the wall (its seal is black, its ground in shadow)."""
 
     grain: float = 0.25
     smooth: tuple[tuple[float, float], ...] = ()
     light: float = 110.0
     noise: float = 1.5
+    gap: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,7 @@ class StereoPainter:
         distance = np.linalg.norm(direction, axis=-1) * hits.depth
         lit = np.sqrt(np.clip(hits.cosine, 0.02, 1)) / np.maximum(distance, 0.15)
         lit *= np.float32(self.look.light) / max(float(np.median(lit[hits.material != NOTHING])), 1e-6)
+        lit[hits.material == JOINT] *= np.float32(self.look.gap)
         picture = np.where(hits.material == NOTHING, 0.0, np.minimum(lit, 210.0) * (1 + contrast * grain))
         return np.asarray(picture)
 

@@ -64,7 +64,9 @@ def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
             continue
         nan = float("nan")
         depth = float(found.depth[_edge(found.depth, shift, row, jump, guard)])
-        joints.append(Joint(depth, depth - guard, depth + guard, nan, nan, offset, float(np.arctan2(jump[1], jump[0]))))
+        std = float(np.hypot(sigma, noise))
+        towards = float(np.arctan2(jump[1], jump[0]))
+        joints.append(Joint(depth, depth - guard, depth + guard, nan, nan, offset, towards, offset_std=std))
     return sorted(joints, key=lambda joint: joint.depth)
 
 

@@ -20,7 +20,8 @@ _COMPARED_M = 0.08
 class Joint:
     """A ring between the depths ``first`` and ``last`` (m). ``gap`` (m) is its length along the pipe, ``step`` (m) how far it
     lies outwards (inwards negative); ``offset`` (m) is how far the pipe behind it is displaced towards ``offset_theta`` (rad),
-    None where too little of it was seen to tell."""
+    None where too little of it was seen to tell. ``gap_std`` and ``offset_std`` (m): how well they are known, nan where nothing
+    says so."""
 
     depth: float
     first: float
@@ -29,6 +30,8 @@ class Joint:
     step: float
     offset: float | None
     offset_theta: float | None
+    gap_std: float = float("nan")
+    offset_std: float = float("nan")
 
 
 def find_joints(found: DeviationMap) -> list[Joint]:

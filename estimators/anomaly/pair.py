@@ -12,6 +12,7 @@ from estimators.anomaly.displaced import with_displaced
 from estimators.anomaly.joints import Joint, find_joints, ring_cells
 from estimators.anomaly.regions import Region, anomalous_share, find_regions
 from estimators.anomaly.score import BandScore, band_scores, plain_score, score, sure_score
+from estimators.anomaly.seams import find_seams, with_seams
 from estimators.radial_profile.shape import Shape, shape_of
 from estimators.stereo.follow import FollowedWall, follow_wall
 from estimators.stereo.rig import StereoRig
@@ -51,10 +52,11 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
     own = used.offset_px != rig.offset_px or rig.offset_px is None
     points = point_deviations(followed)
     found = deviation_map(followed, points)
-    joints = with_displaced(found, find_joints(found))
-    rings = ring_cells(found, joints)
+    rings = with_displaced(found, find_joints(found))
+    joints = with_seams(rings, find_seams(left, followed.wall, found, [ring for ring in rings if ring.offset is not None]))
+    left_out = ring_cells(found, joints)
     regions = find_regions(found, joints)
-    inward, outward = score(found, rings)
+    inward, outward = score(found, left_out)
     visible = followed.usable.sum(axis=0) > _SEEN * (followed.ends.last - followed.ends.first)
     return PairFindings(
         followed,
@@ -65,11 +67,11 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
         regions,
         inward,
         outward,
-        band_scores(found, BAND_M, rings),
+        band_scores(found, BAND_M, left_out),
         anomalous_share(found, regions),
         float(used.offset_px or 0.0),
         used.offset_std_px,
         own,
-        plain_score(found, rings),
-        sure_score(found, rings),
+        plain_score(found, left_out),
+        sure_score(found, left_out),
     )

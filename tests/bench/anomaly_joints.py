@@ -21,11 +21,13 @@ from tests.bench.table import print_table
 
 LENS = StereoLens()
 START = 2.0
+SEAL = 0.35
+"""How bright the inside of a joint is against the wall."""
 
 
 class Row(NamedTuple):
     """One joint: true gap, its depth, and displacement of the pipe behind (mm); what became of it; gap and displacement found
-    (mm), and by how much the direction is wrong (degrees)."""
+    (mm), by how much the direction is wrong (degrees), and the sigmas (mm) of both."""
 
     seed: int
     gap: float
@@ -35,6 +37,8 @@ class Row(NamedTuple):
     found_gap: float
     offset: float
     turned: float
+    gap_std: float
+    offset_std: float
 
 
 def main() -> None:
@@ -63,7 +67,7 @@ def look_at(seed: int) -> Row:
     sewer = VirtualSewer(circular(2 * radius), START + 8 * radius, joints=(Joint(at, gap, deep),), things=things)
     right, down = rng.uniform(-0.1, 0.1, 2) * radius
     pose = Pose(float(right), float(down), START, *map(float, rng.uniform(-0.03, 0.03, 2)))
-    look = StereoLook(grain=float(rng.uniform(0.1, 0.3)), noise=float(rng.uniform(1.0, 2.5)))
+    look = StereoLook(grain=float(rng.uniform(0.1, 0.3)), noise=float(rng.uniform(1.0, 2.5)), gap=SEAL)
     left, other = StereoPainter(sewer, LENS, look, seed).pair(pose, np.random.default_rng([seed, 3]))
     nan = float("nan")
     truth = seed, 1000 * gap, 1000 * deep, 1000 * step
@@ -72,20 +76,21 @@ def look_at(seed: int) -> Row:
             left, other, StereoRig(LENS.intrinsics, LENS.baseline_m, LENS.offset_px), np.random.default_rng(seed)
         )
     except Refused:
-        return Row(*truth, "refused", nan, nan, nan)
+        return Row(*truth, "refused", *[nan] * 5)
     if not found.map.depth[0] + 0.1 < at - START < found.map.depth[-1] - 0.1:
-        return Row(*truth, "one side", nan, nan, nan)
+        return Row(*truth, "one side", *[nan] * 5)
     near = [joint for joint in found.joints if abs(joint.depth + START - at) < 0.04]
     extra = len(found.joints) - len(near)
     if not near:
-        return Row(*truth, "missed", nan, nan, nan)
+        return Row(*truth, "missed", *[nan] * 5)
     joint = near[0]
     what = "found" if not extra else f"found +{extra}"
     if joint.offset is None or joint.offset_theta is None:
-        return Row(*truth, what, 1000 * joint.gap, nan, nan)
+        return Row(*truth, what, 1000 * joint.gap, nan, nan, 1000 * joint.gap_std, nan)
     # the wall stands in at the angle: the pipe is displaced to the other side
     turned = float(np.degrees(np.angle(np.exp(1j * (joint.offset_theta - angle - np.pi))))) if step else nan
-    return Row(*truth, what, 1000 * joint.gap, 1000 * joint.offset, turned)
+    found_mm = 1000 * joint.gap, 1000 * joint.offset, turned
+    return Row(*truth, what, *found_mm, 1000 * joint.gap_std, 1000 * joint.offset_std)
 
 
 def report(rows: list[Row]) -> None:
@@ -93,7 +98,8 @@ def report(rows: list[Row]) -> None:
     displaced, straight = ([row for row in seen if (row.step > 0) == wanted] for wanted in (True, False))
     told = [row for row in displaced if np.isfinite(row.offset)]
     off = np.array([row.offset - row.step for row in told])
-    gaps = np.array([row.found_gap - row.gap for row in seen if np.isfinite(row.found_gap)])
+    gapped = [row for row in seen if np.isfinite(row.found_gap)]
+    gaps = np.array([row.found_gap - row.gap for row in gapped])
     print_table(
         "Joints in virtual stereo pairs",
         ["", "value"],
@@ -109,7 +115,11 @@ def report(rows: list[Row]) -> None:
                 "straight joints told as displaced by 3 mm or more",
                 f"{sum(row.offset >= 3 for row in straight)} of {len(straight)}",
             ],
-            ["gaps told, rms error, mm", f"{len(gaps)}, {_rms(gaps):.1f}"],
+            ["straight joints found", f"{sum(row.what.startswith('found') for row in straight)} of {len(straight)}"],
+            ["rings where there is no joint", f"{sum(row.what.count('+') for row in seen)} pairs"],
+            ["gaps told: rms and worst error, mm", f"{len(gaps)}, {_rms(gaps):.1f}, {np.abs(gaps).max(initial=0):.1f}"],
+            ["error over sigma, rms: gaps", f"{_rms(gaps / np.array([row.gap_std for row in gapped])):.1f}"],
+            ["error over sigma, rms: displacements", f"{_rms(off / np.array([row.offset_std for row in told])):.1f}"],
         ],
     )
 

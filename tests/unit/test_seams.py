@@ -1,0 +1,65 @@
+"""Joints as rings in the picture: a pipe of 200 mm radius about the optical axis, painted by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimators.anomaly.deviation import DeviationMap
+from estimators.anomaly.joints import Joint
+from estimators.anomaly.seams import Seam, find_seams, with_seams
+from estimators.pinhole import Intrinsics
+from estimators.radial_profile.fit import Wall
+from estimators.stereo.rig import StereoRig
+
+R, NAN = 0.2, float("nan")
+CAMERA = Intrinsics(960, 600, 560.0, 560.0, 479.5, 299.5)
+WALL = Wall(np.r_[R, np.zeros(5)], 1e-8 * np.eye(6), StereoRig(CAMERA, 0.06), 0.2, 1.0, (0.4, 1.4))
+
+
+def plain(standing_m: float = 0.0) -> DeviationMap:
+    """From 0.4 to 1.4 m; the pipe stands off the wall by so much behind 0.75 m."""
+    shape = 200, 90
+    depth = 0.4 + (np.arange(200) + 0.5) / 200
+    theta = (np.arange(90) + 0.5) * (2 * np.pi / 90) - np.pi
+    full, everywhere = np.ones(shape, np.float32), np.ones(shape, bool)
+    deviation = np.where(depth[:, None] > 0.75, np.float32(standing_m), np.float32(0)) * full
+    return DeviationMap(theta, depth, deviation, 3e-4 * full, everywhere, ~everywhere, full, R * full, full, full)
+
+
+def picture(first: float, last: float, bright: float, around: float = 1.0) -> NDArray[np.uint8]:
+    """The wall with noise, and a ring between two depths (m) on so much of the way around."""
+    v, u = np.mgrid[0:600, 0:960]
+    x, y = u - CAMERA.ppx, v - CAMERA.ppy
+    z = CAMERA.fx * R / np.maximum(np.hypot(x, y), 1.0)
+    ring = (z > first) & (z < last) & (np.abs(np.arctan2(y, x)) < around * np.pi)
+    grey = np.where(ring, 110 * bright, 110.0) * np.random.default_rng(1).normal(1, 0.1, z.shape)
+    return np.clip(grey, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("bright", [0.35, 1.8])
+@pytest.mark.parametrize("gap", [0.008, 0.03])
+def test_a_gap_is_as_long_as_its_ring(gap: float, bright: float) -> None:
+    (seam,) = find_seams(picture(0.75, 0.75 + gap, bright), WALL, plain(), [])
+    assert seam.gap == pytest.approx(gap, abs=0.0015)
+    assert abs(seam.gap - gap) < 3 * seam.gap_std < 0.006
+    assert seam.depth == pytest.approx(0.75 + gap / 2, abs=0.003)
+
+
+def test_no_ring_no_gap_and_a_stain_on_half_of_the_wall_is_none() -> None:
+    assert find_seams(picture(0.0, 0.0, 1.0), WALL, plain(), []) == []
+    assert find_seams(picture(0.75, 0.77, 0.4, around=0.5), WALL, plain(), []) == []
+
+
+def test_the_edge_of_a_wider_pipe_is_farther_than_it_seems() -> None:
+    """Its rim at 0.77 m and 204 mm is seen where the fitted wall is at 0.77 x 200 / 204."""
+    (seam,) = find_seams(picture(0.74, 0.77 * R / 0.204, 0.4), WALL, plain(0.004), [])
+    assert seam.gap == pytest.approx(0.03, abs=0.002)
+
+
+def test_a_displaced_joint_takes_the_gap_that_the_picture_shows_and_a_ring_alone_is_a_joint() -> None:
+    joint = Joint(0.75, 0.72, 0.78, NAN, NAN, 0.006, 1.0, offset_std=0.0004)
+    both = with_seams([joint], [Seam(0.76, 0.012, 0.001), Seam(1.1, 0.02, 0.001)])
+    assert [(one.depth, one.gap, one.offset) for one in both] == [(0.75, 0.012, 0.006), (1.1, 0.02, None)]
+    assert (both[0].gap_std, both[0].offset_std, both[1].first) == (0.001, 0.0004, pytest.approx(1.09))
