@@ -254,9 +254,7 @@ class _Recording:
             [one.distance for one in told if one.distance is not None],
             pieces=[one.segment for one in told],
         )
-        for reset in series.resets:
-            warn(f"The counter was set from {reset.before:.2f} m to {reset.after:.2f} m at {reset.time_s:.1f} s.")
-        return _longest(way)
+        return way.longest()
 
     def _from_csv(self, path: Path) -> RecordedWay:
         series = read_distances(path)
@@ -269,7 +267,7 @@ class _Recording:
             if len(pairs) < 2:
                 raise Invalid(f"The distances {path} are of frames that the recording does not have.")
             times, distances = [list(column) for column in zip(*pairs, strict=True)]
-        return _longest(recorded_way(times, distances, series.quantum))
+        return recorded_way(times, distances, series.quantum).longest()
 
     def _open(self) -> FrameGrabber:
         if self._wanted.video is not None:
@@ -303,6 +301,9 @@ def map_frames(
             bar.update(1)
     if pipeline.frames == 0:
         raise Invalid("The recording has no frame that can be read.")
+    for time_s, before, after in way.jumps:
+        faults.now(time_s - (first or 0.0), before)
+        faults.counter_set(before, after)
     return finished(pipeline, faults, moment, length)
 
 
@@ -323,11 +324,11 @@ def finished(pipeline: LandmarkPipeline, faults: FaultWatch, duration_s: float, 
         "from_m": low,
         "to_m": high,
         "smoothed": smoothed is not None,
-        "faults": faults.untold(),
     }
+    slips = () if smoothed is None else smoothed.slips
     if smoothed is not None:
         found |= smoothed.summary
-        found["faults"] = sorted([*found["faults"], *smoothed.slips], key=lambda fault: float(fault["time_s"]))
+    found["faults"] = sorted([*faults.untold(), *slips], key=lambda fault: float(fault["time_s"]))
     return found
 
 
@@ -338,13 +339,6 @@ def _thinned(frames: Iterable[VideoFrame], bar: Any) -> Iterator[VideoFrame]:
         if frame.time_s >= due:
             due = frame.time_s + OSD_EVERY_S
             yield frame
-
-
-def _longest(way: RecordedWay) -> RecordedWay:
-    if way.pieces > 1:
-        warn(f"The counter was set {way.pieces - 1} times; only the longest stretch between is mapped.")
-        return way.longest()
-    return way
 
 
 @contextmanager

@@ -60,6 +60,13 @@ class FaultWatch:
             self._add("encoder_jump", f"The counter jumped by {metres:+.2f} m; the way goes on from where it was.")
         self._jumps = max(self._jumps, len(jumps))
 
+    def counter_set(self, before: float, after: float) -> None:
+        """The counter of a recording went from ``before`` to ``after`` (m) at this moment."""
+        self._add(
+            "encoder_jump",
+            f"The counter was set from {before:.2f} m to {after:.2f} m; only the longest stretch between is mapped.",
+        )
+
     def codes(self, codes: Sequence[str]) -> None:
         """The prompts of this moment."""
         for code in codes:

@@ -21,13 +21,15 @@ _SPEED_OVER_S = 0.5
 @dataclass(frozen=True)
 class RecordedWay:
     """``times`` (n,) grow; ``positions`` (n,) with ``std`` (n,), in metres; ``piece`` (n,) numbers the stretches between jumps
-    of the counter, which have nothing to do with each other; ``common`` (m) as in ``Position``."""
+    of the counter, which have nothing to do with each other; ``common`` (m) as in ``Position``. ``jumps``: when (s) the counter
+    was set, what it showed before, and after (m)."""
 
     times: Array
     positions: Array
     std: Array
     piece: NDArray[np.int64]
     common: float = 0.0
+    jumps: tuple[tuple[float, float, float], ...] = ()
 
     def at(self, time_s: float) -> Position | None:
         """The position at a moment; None outside the recording, in a gap, and while the counter jumps."""
@@ -49,7 +51,7 @@ class RecordedWay:
         """The stretch with the longest way alone."""
         ways = {int(n): float(np.abs(np.diff(self.positions[self.piece == n])).sum()) for n in np.unique(self.piece)}
         best = self.piece == max(ways, key=lambda n: ways[n])
-        return RecordedWay(self.times[best], self.positions[best], self.std[best], self.piece[best], self.common)
+        return RecordedWay(self.times[best], self.positions[best], self.std[best], self.piece[best], self.common, self.jumps)
 
     @property
     def pieces(self) -> int:
@@ -91,4 +93,6 @@ def recorded_way(
     for n in np.unique(piece):
         these = piece == n
         positions[these], std[these] = destep(when[these], shown[these], step)
-    return RecordedWay(when, positions, std, piece.astype(np.int64), rounding_std(step))
+    begins = (np.flatnonzero(np.diff(piece)) + 1).tolist()
+    jumps = tuple((float(when[k]), float(shown[k - 1]), float(shown[k])) for k in begins)
+    return RecordedWay(when, positions, std, piece.astype(np.int64), rounding_std(step), jumps)
