@@ -85,8 +85,8 @@ def recorded_way(
     when, shown = np.asarray(times, dtype=np.float64), np.asarray(distances, dtype=np.float64)
     step = step_of(shown) if quantum is None else quantum
     if pieces is None:
-        jumps = np.abs(np.diff(shown)) > FASTEST * np.diff(when) + 2.5 * step
-        piece = np.concatenate([[0], np.cumsum(jumps)]) if len(shown) else np.zeros(0)
+        leapt = np.abs(np.diff(shown)) > FASTEST * np.diff(when) + 2.5 * step
+        piece = np.concatenate([[0], np.cumsum(leapt)]) if len(shown) else np.zeros(0)
     else:
         piece = np.asarray(pieces)
     positions, std = np.empty(len(when)), np.empty(len(when))
