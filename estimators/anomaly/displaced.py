@@ -8,6 +8,8 @@ not measured on both sides, nothing is told.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,8 @@ _EVEN_M = 2e-4
 """No wall is more even than this."""
 _LEAST_M, _LEAST_SHARE = 0.003, 0.015
 _TIMES_NOISE = 5.0
+_SHARE_STD = 0.03
+"""What windows, and a ring's shift that is taken to first order, leave of a displacement, as a share of it."""
 _AROUND = 0.55
 """Share of the way around that must have been measured for a ring's shift to be told."""
 _ALL_AROUND = 0.5
@@ -37,8 +41,8 @@ _THIRD = 3
 
 
 def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
-    """``rings`` (see ``joints.find_joints``) and the displaced joints of which no ring was seen, from near to far; those have
-    neither ``gap`` nor ``step`` (nan)."""
+    """``rings`` (see ``joints.find_joints``) with their displacement, and the displaced joints of which no ring was seen, from
+    near to far; those have neither ``gap`` nor ``step`` (nan)."""
     shift = ring_shifts(found)
     guard = _guard(found)
     jumps = _jumps(found.depth, shift, np.arange(len(found.depth)), guard, guard)[0]
@@ -58,15 +62,20 @@ def with_displaced(found: DeviationMap, rings: list[Joint]) -> list[Joint]:
         elsewhere = size[known & (np.abs(found.depth - depth) > guard + _REACH_M)]
         noise = float(np.median(elsewhere)) / 1.18 if len(elsewhere) >= _LEAST_SIDE else 0.0
         least = max(_LEAST_M, _LEAST_SHARE * radius, _TIMES_NOISE * noise, _TIMES_NOISE * sigma)
-        if not offset >= least or any(abs(depth - joint.depth) < _SAME_M for joint in rings):
+        if not offset >= least:
             continue
         if _explained(found, row, jump, guard, guard + hidden) < _ALL_AROUND:
             continue
         nan = float("nan")
         depth = float(found.depth[_edge(found.depth, shift, row, jump, guard)])
-        std = float(np.hypot(sigma, noise))
+        std = float(np.linalg.norm([sigma, noise, _SHARE_STD * offset]))
         towards = float(np.arctan2(jump[1], jump[0]))
-        joints.append(Joint(depth, depth - guard, depth + guard, nan, nan, offset, towards, offset_std=std))
+        same = [k for k, joint in enumerate(joints) if abs(depth - joint.depth) < _SAME_M]
+        if same:  # a ring tells its displacement by the wall right beside it, which windows smear
+            ring = min(same, key=lambda k: abs(depth - joints[k].depth))
+            joints[ring] = replace(joints[ring], offset=offset, offset_theta=towards, offset_std=std)
+        else:
+            joints.append(Joint(depth, depth - guard, depth + guard, nan, nan, offset, towards, offset_std=std))
     return sorted(joints, key=lambda joint: joint.depth)
 
 

@@ -38,8 +38,10 @@ _SEEN = 0.5
 _LONGEST_M, _END_M = 0.06, 0.03
 """Longest gap, and how near to the wall's ends nothing is looked for: what closes the pipe begins with a ring, too."""
 _SECTORS, _LEAST_SECTORS = 12, 4
-_UNSURE, _UNSURE_M = 0.25, 0.003
+_UNSURE, _UNSURE_M = 0.15, 0.003
 """A gap that is known less well than this (share of it, m; standard deviation) is not told."""
+_SMEARED_M = 0.04
+"""Rings of deviations shorter than this may be as long as a window of the match has smeared them: they tell no gap."""
 _SAME_M = 0.05
 """A ring and a displacement this near to each other are one joint."""
 
@@ -91,7 +93,9 @@ def _strong_part(out: Floats) -> Floats:
 
 def with_seams(joints: list[Joint], seams: list[Seam]) -> list[Joint]:
     """``joints`` with the gaps that the picture shows, and the joints that only it shows, from near to far."""
-    found, alone = list(joints), []
+    nan = float("nan")
+    found = [joint if joint.gap >= _SMEARED_M else replace(joint, gap=nan) for joint in joints]
+    alone = []
     for seam in seams:
         near = [k for k, joint in enumerate(found) if abs(joint.depth - seam.depth) < _SAME_M]
         if near:
@@ -100,7 +104,6 @@ def with_seams(joints: list[Joint], seams: list[Seam]) -> list[Joint]:
                 found[nearest] = replace(found[nearest], gap=seam.gap, gap_std=seam.gap_std)
             continue
         half = 0.5 * seam.gap
-        nan = float("nan")
         alone.append(Joint(seam.depth, seam.depth - half, seam.depth + half, seam.gap, nan, None, None, seam.gap_std))
     return sorted(found + alone, key=lambda joint: joint.depth)
 

@@ -63,3 +63,12 @@ def test_a_displaced_joint_takes_the_gap_that_the_picture_shows_and_a_ring_alone
     both = with_seams([joint], [Seam(0.76, 0.012, 0.001), Seam(1.1, 0.02, 0.001)])
     assert [(one.depth, one.gap, one.offset) for one in both] == [(0.75, 0.012, 0.006), (1.1, 0.02, None)]
     assert (both[0].gap_std, both[0].offset_std, both[1].first) == (0.001, 0.0004, pytest.approx(1.09))
+
+
+def test_a_ring_of_deviations_as_long_as_a_window_tells_no_gap() -> None:
+    short, long = (
+        Joint(at, at - length / 2, at + length / 2, length, 0.006, None, None) for at, length in ((0.6, 0.02), (1, 0.06))
+    )
+    told = with_seams([short, long], [Seam(1.0, 0.01, 0.001)])
+    assert np.isnan(told[0].gap)
+    assert told[1].gap == 0.06  # of so long a gap the picture shows the far face
