@@ -27,7 +27,7 @@ BENCHMARKS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("landmark_smoothing_peers", (), ()),
     ("fcdd_boxes", (), ()),
     ("fcdd_cost", (), ("--rounds", "15")),
-    ("fcdd_virtual", ("--every", "5"), ("--only", "connections", "--drives", "2")),
+    ("fcdd_virtual", ("--every", "2"), ("--only", "connections", "--drives", "2")),
     ("api_schema", (), ("--examples", "3")),
     ("intrusion", (), ()),
     ("hostile", (), ("--seconds", "3")),
