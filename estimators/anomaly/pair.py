@@ -14,12 +14,16 @@ from estimators.anomaly.regions import Region, anomalous_share, find_regions
 from estimators.anomaly.score import BandScore, band_scores, plain_score, score, sure_score
 from estimators.anomaly.seams import find_seams, with_seams
 from estimators.radial_profile.shape import Shape, shape_of
-from estimators.stereo.follow import FollowedWall, follow_wall
+from estimators.stereo.follow import FollowedWall, Refused, follow_wall
 from estimators.stereo.rig import StereoRig
 
 BAND_M = 0.1
 _SEEN = 0.1
 """An angle was seen where a tenth of the band was measured."""
+_FOLLOWS, _BOTH_WAYS = 0.92, 0.002
+"""A wall of which less follows the best surface, and whose means beyond the noise are larger than this share of the radius both
+inwards and outwards, was misread: a fit that went astray has as much on either side of it. Deposits come inwards alone, and of
+lost wall little is ever seen."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,13 @@ class PairFindings:
     sure: tuple[float, float] = (float("nan"), float("nan"))
 
 
+def misread(share: float, sure: tuple[float, float], radius: float) -> bool:
+    """Whether so small a ``share`` of the points on the wall, and such means (m) inwards and outwards, are no pipe's."""
+    return share < _FOLLOWS and min(sure) > _BOTH_WAYS * radius
+
+
 def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig, rng: np.random.Generator) -> PairFindings:
-    """Findings of a rectified grey pair (H, W). Raises ``estimators.stereo.follow.Refused``."""
+    """Findings of a rectified grey pair (H, W). Raises ``follow.Refused``, also where the wall was misread."""
     followed = follow_wall(left, right, rig, rng)
     used = followed.wall.rig
     own = used.offset_px != rig.offset_px or rig.offset_px is None
@@ -56,6 +65,9 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
     joints = with_seams(rings, find_seams(left, followed.wall, found, [ring for ring in rings if ring.offset is not None]))
     left_out = ring_cells(found, joints)
     regions = find_regions(found, joints)
+    sure = sure_score(found, left_out)
+    if misread(followed.wall.share, sure, float(np.median(found.radius))):
+        raise Refused("not_smooth")
     inward, outward = score(found, left_out)
     visible = followed.usable.sum(axis=0) > _SEEN * (followed.ends.last - followed.ends.first)
     return PairFindings(
@@ -73,5 +85,5 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
         used.offset_std_px,
         own,
         plain_score(found, left_out),
-        sure_score(found, left_out),
+        sure,
     )

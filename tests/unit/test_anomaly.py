@@ -17,7 +17,7 @@ from drivers.virtual.stereo_camera import StereoLens, StereoLook, StereoPainter,
 from drivers.virtual.world import Joint, VirtualSewer
 from estimators.anomaly.deviation import DeviationMap, what_closes
 from estimators.anomaly.joints import find_joints, ring_cells
-from estimators.anomaly.pair import PairFindings, inspect_pair
+from estimators.anomaly.pair import PairFindings, inspect_pair, misread
 from estimators.anomaly.regions import anomalous_share, find_regions
 from estimators.anomaly.rows import row_medians
 from estimators.anomaly.score import band_scores, plain_score, score, sure_score
@@ -166,6 +166,12 @@ def test_what_is_within_the_noise_is_no_region() -> None:
     found.deviation[:] = rng.normal(0, 0.002, found.deviation.shape)
     found.sigma[:] = 0.002
     assert find_regions(found, []) == []
+
+
+def test_what_lies_off_the_wall_to_both_sides_was_misread_and_a_silted_pipe_was_not() -> None:
+    assert misread(0.87, (0.00096, 0.00109), 0.15)  # a wall that was lost over a sixth of the way around
+    assert not misread(0.7, (0.006, 0.0001), 0.15)  # much deposit
+    assert not misread(0.97, (0.0005, 0.0004), 0.15)  # deposits and holes, on a wall that most follows
 
 
 def test_a_joint_is_an_expected_ring_with_gap_and_displacement() -> None:
