@@ -17,8 +17,8 @@ class SlamSettings:
     """Process noise (1 sigma): ``acceleration`` (m/s2) and ``turning`` (rad/s) as white noise of ``rate_hz``; ``blind`` (rad/s)
     while nothing tells how the vehicle turns. ``start``: of the first position (m), which is the map's origin by definition, so
     hardly any; ``start_depth``: of its depth. ``near_line`` and ``near_point``: what does not fit but is so near (m) to a known
-    feature is not new. ``jolt`` (m, m/s): by how much position and velocity are doubted when a scan does not fit from where the
-    vehicle should be."""
+    feature is not new; two objects nearer than ``double`` (m) are one. ``jolt`` (m, m/s): by how much position and velocity are
+    doubted when a scan does not fit from where the vehicle should be."""
 
     acceleration: float = 0.05
     turning: float = 0.005
@@ -30,6 +30,7 @@ class SlamSettings:
     near_line: float = 0.10
     near_angle: float = 0.25
     near_point: float = 0.14
+    double: float = 0.09
     jolt: tuple[float, float] = (0.15, 0.1)
     gap: float = 0.5
     upright: bool = False
@@ -212,15 +213,17 @@ class StructureFilter:
         count = len(segments)
         for number in set(match.values()) - new:
             self.features[number].sightings += 1
+        dropped = self._without_contradicted(contradicted - set(match.values())) | self._without_doubles()
+        match = {seen: number for seen, number in match.items() if number not in dropped}
         return Matches(
             tuple(match.get(k, -1) for k in range(count)),
             tuple(match.get(count + k, -1) for k in range(len(sightings))),
-            frozenset(new),
+            frozenset(new - dropped),
             fitting,
             matched,
             moved=moved,
             beside=fitting - len(joint.chosen),
-            dropped=self._without_contradicted(contradicted - set(match.values())),
+            dropped=dropped,
         )
 
     def _expected(self, feature: Feature, pose: SensorPose, observation: Segment | Sighting) -> Seen | None:
@@ -335,6 +338,21 @@ class StructureFilter:
             if feature.contradicted >= _DROP_AFTER and feature.contradicted > feature.sightings:
                 self.drop(number)
                 dropped.add(number)
+        return frozenset(dropped)
+
+    def _without_doubles(self) -> frozenset[int]:
+        """Drop the object seen less often of two that have come nearer to each other than objects can be: the numbers."""
+        points = {f.number: f.point for f in self.features.values() if f.point is not None}
+        if len(points) < 2:
+            return frozenset()
+        numbers, places = np.array(list(points)), np.array(list(points.values()))
+        apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+        dropped = set()
+        for i, j in zip(*np.nonzero(np.triu(apart < self.settings.double, 1)), strict=True):
+            less = min(int(numbers[i]), int(numbers[j]), key=lambda number: (self.features[number].sightings, -number))
+            dropped.add(less)
+        for number in dropped:
+            self.drop(number)
         return frozenset(dropped)
 
     def _is_upright(self, line: Line) -> bool:

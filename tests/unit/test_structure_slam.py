@@ -416,3 +416,18 @@ def test_what_few_of_many_scans_saw_on_a_pipe_is_no_object() -> None:
     for seen, there in ((6, 2), (9, 3)):
         inline.sightings = seen
         assert len(final_map(slam, coverage, records, 60).objects) == there
+
+
+def test_two_objects_that_come_to_lie_in_each_other_are_one() -> None:
+    """First seen 16 cm off and unsure along the pipe, so that it is taken in beside the one that is known."""
+    slam = mapped()
+    unsure = np.diag([0.005, 0.06, 0.005]) ** 2
+    segments, sightings = shown()
+    beside = Sighting(OBJECTS[2] + np.array([0.0, 0.16, 0.0]), unsure, np.zeros((0, 3)), np.zeros((1, 3)), "end")
+    slam.scan(segments, (*sightings, beside))
+    assert len(slam.features) == 7
+    for _ in range(6):
+        nearer = Sighting(OBJECTS[2] + np.array([0.0, 0.06, 0.0]), unsure, np.zeros((0, 3)), np.zeros((1, 3)), "end")
+        matches = slam.scan(segments, (*sightings, nearer))
+        assert {*matches.segments, *matches.sightings} - {-1} <= set(slam.features)
+    assert sorted(slam.features) == [1, 2, 3, 4, 5, 6]
