@@ -27,7 +27,8 @@ _LEAST_PATCH = 0.4
 _LEAST_CELLS = 6
 _LEAST_GAIN = 0.08
 """A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was misread,
-since the best of several answers agrees a little better by chance."""
+since the best of several answers agrees a little better by chance. What fills a part of its windows has so many fewer pixels to
+say so: the root of that share counts of it."""
 _INVERT = np.radians(50.0)
 """Half of the pipe's floor: deposits lie within it."""
 _SHADOW = 0.35
@@ -80,8 +81,9 @@ def find_regions(found: DeviationMap, joints: list[Joint]) -> list[Region]:
         for label in np.flatnonzero(seeded):
             cells = order[starts[label] : starts[label + 1]]
             area = float(found.area.ravel()[cells].sum())
-            least = max(_LEAST_AREA_M2, _LEAST_PATCH * float(found.patch.ravel()[cells].mean()))
-            if area < least or len(cells) < _LEAST_CELLS or found.gain.ravel()[cells].mean() < _LEAST_GAIN:
+            filled = area / max(float(found.patch.ravel()[cells].mean()), 1e-12)
+            gain = float(found.gain.ravel()[cells].mean()) * min(1.0, filled**0.5)
+            if area < _LEAST_AREA_M2 or len(cells) < _LEAST_CELLS or filled < _LEAST_PATCH or gain < _LEAST_GAIN:
                 continue
             regions.append(_region(found, smooth, sigma, cells, area, sign, joints))
     return sorted(regions, key=lambda region: -abs(region.volume))

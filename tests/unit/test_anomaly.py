@@ -152,6 +152,13 @@ def test_a_region_fills_the_windows_that_tell_it_or_is_one_patchs_error() -> Non
     (region,) = find_regions(found, [])
     found.patch[:] = 3 * region.area
     assert find_regions(found, []) == []
+    found.patch[:] = 2 * region.area
+    found.gain[:] = 0.12
+    assert len(find_regions(found, [])) == 1
+    found.gain[:] = 0.1  # of a whole window that would do
+    assert find_regions(found, []) == []
+    found.patch[:] = region.area
+    assert len(find_regions(found, [])) == 1
 
 
 def test_medians_along_rows_leave_out_what_was_not_measured() -> None:
