@@ -61,8 +61,7 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
     own = used.offset_px != rig.offset_px or rig.offset_px is None
     points = point_deviations(followed)
     found = deviation_map(followed, points)
-    rings = with_displaced(found, find_joints(found))
-    joints = with_seams(rings, find_seams(left, followed.wall, found, [ring for ring in rings if ring.offset is not None]))
+    joints = with_seams(with_displaced(found, find_joints(found)), find_seams(left, followed.wall, found))
     left_out = ring_cells(found, joints)
     regions = find_regions(found, joints)
     sure = sure_score(found, left_out)

@@ -30,8 +30,8 @@ ring is shorter than half of that."""
 _LEAST = 0.12
 """Share of the wall's brightness by which a ring stands out at least."""
 _TIMES_NOISE = 6.0
-_SAME_SIGN, _PART = 0.75, 0.35
-"""Share of the way around that stands out to the same side; and of that of a displaced joint."""
+_SAME_SIGN = 0.75
+"""Share of the way around that stands out to the same side."""
 _GUARD_M, _COMPARED_M = 0.03, 0.08
 """What a window of the match smears about a joint, and how much of the wall beyond it tells where the pipe stands."""
 _SEEN = 0.5
@@ -55,17 +55,12 @@ class Seam:
     gap_std: float
 
 
-def find_seams(picture: NDArray[np.uint8], wall: Wall, found: DeviationMap, displaced: list[Joint]) -> list[Seam]:
-    """Rings of the left picture (H, W), grey, from near to far; about joints that are known to be ``displaced`` also those of
-    which a part stands behind the near pipe."""
+def find_seams(picture: NDArray[np.uint8], wall: Wall, found: DeviationMap) -> list[Seam]:
+    """Rings of the left picture (H, W), grey, from near to far."""
     place, bright = _unrolled(picture, wall, float(found.depth[0]), float(found.depth[-1]))
     seen = np.isfinite(bright).mean(axis=1) > _SEEN
     reach = int(_ABOUT_M / float(place[len(place) // 2] - place[len(place) // 2 - 1]))
     out = np.expm1(bright - _about(bright, reach))
-    hinted = np.zeros(len(place), dtype=bool)
-    for joint in displaced:
-        hinted |= np.abs(place - joint.depth) < _SAME_M
-    share = np.where(hinted, _PART, _SAME_SIGN) * np.isfinite(out).sum(axis=1)
     inner = seen & (place > place[0] + _END_M) & (place < place[-1] - _END_M)
     if np.count_nonzero(inner) < 2 * reach:
         return []
@@ -74,7 +69,7 @@ def find_seams(picture: NDArray[np.uint8], wall: Wall, found: DeviationMap, disp
         line = _strong_part(sign * out)
         noise = 1.4826 * float(np.median(np.abs(line[inner] - np.median(line[inner]))))
         least = float(np.median(line[inner])) + max(_LEAST, _TIMES_NOISE * noise)
-        same = (sign * out > 0.3 * _LEAST).sum(axis=1) > share
+        same = (sign * out > 0.3 * _LEAST).sum(axis=1) > _SAME_SIGN * np.isfinite(out).sum(axis=1)
         high = np.where(inner & same, line, 0.0)
         while high.max(initial=0.0) > least:
             row = int(np.argmax(high))
@@ -92,7 +87,8 @@ def _strong_part(out: Floats) -> Floats:
 
 
 def with_seams(joints: list[Joint], seams: list[Seam]) -> list[Joint]:
-    """``joints`` with the gaps that the picture shows, and the joints that only it shows, from near to far."""
+    """``joints`` with the gaps that the picture shows of those that are not displaced, and the joints that only it shows, from
+    near to far."""
     nan = float("nan")
     found = [joint if joint.gap >= _SMEARED_M else replace(joint, gap=nan) for joint in joints]
     alone = []
@@ -100,7 +96,8 @@ def with_seams(joints: list[Joint], seams: list[Seam]) -> list[Joint]:
         near = [k for k, joint in enumerate(found) if abs(joint.depth - seam.depth) < _SAME_M]
         if near:
             nearest = min(near, key=lambda k: abs(found[k].depth - seam.depth))
-            if not found[nearest].gap > seam.gap:  # nan: not told
+            # of a displaced pipe the face is seen on one side, and nothing on the other
+            if np.isnan(found[nearest].offset_std) and not found[nearest].gap > seam.gap:  # nan: not told
                 found[nearest] = replace(found[nearest], gap=seam.gap, gap_std=seam.gap_std)
             continue
         half = 0.5 * seam.gap

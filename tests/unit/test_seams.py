@@ -41,28 +41,34 @@ def picture(first: float, last: float, bright: float, around: float = 1.0) -> ND
 @pytest.mark.parametrize("bright", [0.35, 1.8])
 @pytest.mark.parametrize("gap", [0.008, 0.03])
 def test_a_gap_is_as_long_as_its_ring(gap: float, bright: float) -> None:
-    (seam,) = find_seams(picture(0.75, 0.75 + gap, bright), WALL, plain(), [])
+    (seam,) = find_seams(picture(0.75, 0.75 + gap, bright), WALL, plain())
     assert seam.gap == pytest.approx(gap, abs=0.0015)
     assert abs(seam.gap - gap) < 3 * seam.gap_std < 0.006
     assert seam.depth == pytest.approx(0.75 + gap / 2, abs=0.003)
 
 
 def test_no_ring_no_gap_and_a_stain_on_half_of_the_wall_is_none() -> None:
-    assert find_seams(picture(0.0, 0.0, 1.0), WALL, plain(), []) == []
-    assert find_seams(picture(0.75, 0.77, 0.4, around=0.5), WALL, plain(), []) == []
+    assert find_seams(picture(0.0, 0.0, 1.0), WALL, plain()) == []
+    assert find_seams(picture(0.75, 0.77, 0.4, around=0.5), WALL, plain()) == []
 
 
 def test_the_edge_of_a_wider_pipe_is_farther_than_it_seems() -> None:
     """Its rim at 0.77 m and 204 mm is seen where the fitted wall is at 0.77 x 200 / 204."""
-    (seam,) = find_seams(picture(0.74, 0.77 * R / 0.204, 0.4), WALL, plain(0.004), [])
+    (seam,) = find_seams(picture(0.74, 0.77 * R / 0.204, 0.4), WALL, plain(0.004))
     assert seam.gap == pytest.approx(0.03, abs=0.002)
 
 
-def test_a_displaced_joint_takes_the_gap_that_the_picture_shows_and_a_ring_alone_is_a_joint() -> None:
-    joint = Joint(0.75, 0.72, 0.78, NAN, NAN, 0.006, 1.0, offset_std=0.0004)
-    both = with_seams([joint], [Seam(0.76, 0.012, 0.001), Seam(1.1, 0.02, 0.001)])
-    assert [(one.depth, one.gap, one.offset) for one in both] == [(0.75, 0.012, 0.006), (1.1, 0.02, None)]
-    assert (both[0].gap_std, both[0].offset_std, both[1].first) == (0.001, 0.0004, pytest.approx(1.09))
+def test_a_ring_tells_its_gap_a_displaced_joint_does_not_and_a_ring_alone_is_a_joint() -> None:
+    displaced = Joint(0.75, 0.72, 0.78, NAN, NAN, 0.006, 1.0, offset_std=0.0004)
+    ring = Joint(0.95, 0.94, 0.96, 0.02, 0.006, None, None)
+    seams = [Seam(0.76, 0.012, 0.001), Seam(0.95, 0.011, 0.001), Seam(1.1, 0.02, 0.001)]
+    told = with_seams([displaced, ring], seams)
+    assert (told[0].depth, told[0].offset, np.isnan(told[0].gap)) == (0.75, 0.006, True)
+    assert [(one.depth, one.gap, one.gap_std, one.offset) for one in told[1:]] == [
+        (0.95, 0.011, 0.001, None),
+        (1.1, 0.02, 0.001, None),
+    ]
+    assert told[2].first == pytest.approx(1.09)
 
 
 def test_a_ring_of_deviations_as_long_as_a_window_tells_no_gap() -> None:
