@@ -165,7 +165,7 @@ def test_a_video_with_distances_is_accepted() -> None:
 
 def test_a_video_without_text_is_rejected() -> None:
     with pytest.raises(NoDistance) as error:
-        require_distance(video("", ""), OsdReader())
+        require_distance(video("", "美"), OsdReader())  # what OCR makes of stains
     assert str(error.value) == (
         "No distance can be read in the video run.mp4: looked anywhere in the picture in the first 2 pictures, "
         "none of them shows text. Give the place of the distance with --osd X,Y,W,H, or the distances with --distance-csv FILE."

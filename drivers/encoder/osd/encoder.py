@@ -122,6 +122,11 @@ def read_series(frames: Iterable[VideoFrame], reader: OsdReader, settings: Filte
     return OsdSeries(told, readings, tuple(sieve.resets()))
 
 
+def _is_text(line: str) -> bool:
+    """Whether there is a letter or a digit as distances are written with: stains on a wall are read as Chinese at most."""
+    return any(char.isascii() and char.isalnum() for char in line)
+
+
 def require_distance(frames: Iterable[VideoFrame], reader: OsdReader, look_at: int = 12, share: float = 0.5) -> float:
     """The share of the first ``look_at`` pictures that show a distance. Raises NoDistance where that is less than ``share``,
     with a sentence that says where it looked, what it saw, and what to do."""
@@ -133,11 +138,11 @@ def require_distance(frames: Iterable[VideoFrame], reader: OsdReader, look_at: i
         looked += 1
         searches = reader.searches
         seen = reader.read(frame.image, patient=False)
-        lines = reader.lines if reader.searches > searches else (seen.text,)
+        lines = [line for line in (reader.lines if reader.searches > searches else (seen.text,)) if _is_text(line)]
         readable += seen.distance is not None
-        with_text += any(line.strip() for line in lines)
+        with_text += bool(lines)
         if seen.distance is None:
-            examples.update(dict.fromkeys(line for line in lines if line.strip()))
+            examples.update(dict.fromkeys(lines))
     if looked and readable >= share * looked:
         return readable / looked
     name = f"the video {source}" if source else "the video"
