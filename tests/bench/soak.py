@@ -10,13 +10,14 @@ the first third: until then caches, heaps and the longest survey find their size
 from __future__ import annotations
 
 import argparse
+import csv
 import itertools
 import random
 import shutil
 import tempfile
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +190,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.soak", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--fault-every", type=float, default=60.0, metavar="SECONDS")
-    parser.add_argument("--folder", type=Path, help="keep the box's data and log here")
+    parser.add_argument("--folder", type=Path, help="keep the box's data, log and samples here")
     options = parser.parse_args()
     if options.folder is not None and options.folder.exists() and any(options.folder.iterdir()):
         parser.error(f"{options.folder} is not empty: the soak wants a box of its own")
@@ -197,10 +198,21 @@ def main() -> None:
     try:
         with faulty_box(folder) as box:
             box.wait(lambda: box.sensor("camera")["state"] == "up", 60)
-            report(Soak(box, options.minutes, options.fault_every, drive_s=35.0).go())
+            run = Soak(box, options.minutes, options.fault_every, drive_s=35.0).go()
+            report(run)
+            if options.folder is not None:
+                keep(run, folder / "samples.csv")
     finally:
         if options.folder is None:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def keep(run: Run, path: Path) -> None:
+    """Every look at the process, for whoever asks when it grew."""
+    with path.open("w", newline="") as file:
+        rows = csv.DictWriter(file, [one.name for one in fields(Sample)])
+        rows.writeheader()
+        rows.writerows(asdict(one) for one in run.samples)
 
 
 def report(run: Run) -> None:
