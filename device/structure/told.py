@@ -27,6 +27,8 @@ REFUSED = 0.05
 """Share of refused readings of the navigation."""
 SILENT_S = {"velocity": ("DVL", 30.0), "attitude": ("AHRS", 2.0), "depth": ("pressure sensor", 20.0)}
 """How long a sensor may be silent without a word."""
+BLIND_S = 20.0
+"""How long the AHRS may be silent: scans then tell how the vehicle turns, and where few are seen it turns astray unnoticed."""
 
 
 def consistent(mapper: StructureMapper) -> bool:
@@ -46,6 +48,9 @@ def contradictions(mapper: StructureMapper) -> list[str]:
             f"Scans and navigation are {doubts.furthest:.2f} m apart: the structure was moved, or the scanner was and nobody "
             "noticed."
         )
+    unturned = doubts.silence("attitude", mapper.time_s)
+    if unturned > BLIND_S:
+        found.append(f"Nothing but the scans told for {unturned:.0f} s how the scanner was turned.")
     return found
 
 
