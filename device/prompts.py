@@ -122,7 +122,7 @@ PROMPTS = {
         ),
         Prompt(
             "map_contradicted",
-            "The scans contradict the map: do not rely on it.",
+            "Something speaks against this map: do not rely on it.",
             "End or cancel the survey and begin again, slowly, keeping the structure in view.",
         ),
         Prompt(

@@ -13,7 +13,7 @@ def print_structure(told: dict[str, Any]) -> None:
         f"{len(told['pipes'])} pipes, {len(told['objects'])} objects, {len(told['edges'])} connections, {told['scans']} scans"
     )
     if not told["consistent"]:
-        click.echo("The scans contradict the map: do not rely on it.")
+        click.echo("Something speaks against this map: do not rely on it.")
     for warning in told["warnings"]:
         click.echo(f"  {warning}")
     for pipe in told["pipes"]:

@@ -6,7 +6,6 @@ camera's offset from the pipe's axis beside. Where neither has told it yet (a pi
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -24,13 +23,12 @@ from estimators.rings import (
     FocalRadius,
     JointConfig,
     JointMap,
-    JointRing,
     Ring,
     RingMap,
     axis_view,
     dark_centre,
     find,
-    ring_centres,
+    joint_centres,
 )
 from estimators.view_checks import Watch
 
@@ -148,15 +146,7 @@ class Looking:
     def centres(self) -> dict[int, AxisView]:
         """Focus of expansion and lean by picture, from the rings of the whole drive: what stills have in place of flow. Where
         the pipe bends, rings of a single picture lead into the next pipe."""
-        joints = self.solve(last=True).joints
-        along = [joint.chainage for joint in joints]
-        seen = []
-        for number, joint in enumerate(joints):
-            for sighting in joint.sightings:
-                passed = bisect.bisect_left(along, sighting.position)
-                if passed <= number:
-                    seen.append(JointRing(sighting.frame, passed, number, sighting.ring))
-        return ring_centres(seen)
+        return joint_centres(self.solve(last=True).joints)
 
     @property
     def aspect(self) -> float:

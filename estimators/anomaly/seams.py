@@ -43,7 +43,7 @@ _UNSURE, _UNSURE_M = 0.15, 0.003
 _SMEARED_M = 0.04
 """Rings of deviations shorter than this may be as long as a window of the match has smeared them: they tell no gap."""
 _SAME_M = 0.05
-"""A ring and a displacement this near to each other are one joint."""
+"""A joint of the deviations and a ring of the picture this near to each other are one."""
 
 
 @dataclass(frozen=True)

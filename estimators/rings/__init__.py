@@ -1,6 +1,6 @@
 """Pipe joints: rings in one picture, the camera's offset from them, and the joints of a run with f R."""
 
-from estimators.rings.bends import JointRing, ring_centres
+from estimators.rings.bends import JointRing, joint_centres, ring_centres
 from estimators.rings.find import Ring, RingConfig, dark_centre, find
 from estimators.rings.joints import FocalRadius, JointConfig, JointMap, JointPlace, RingMap
 from estimators.rings.offset import AxisView, axis_view
@@ -18,5 +18,6 @@ __all__ = [
     "axis_view",
     "dark_centre",
     "find",
+    "joint_centres",
     "ring_centres",
 ]

@@ -9,6 +9,7 @@ have in common is the camera's place in the pipe: their p differ by no more than
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.rings.find import Ring
+from estimators.rings.joints import JointPlace
 from estimators.rings.offset import AxisView
 
 Array = NDArray[np.float64]
@@ -82,3 +84,15 @@ def ring_centres(seen: Sequence[JointRing]) -> dict[int, AxisView]:
         picture: AxisView(state[k], inverse[k, k] * np.eye(2), state[beside.get((pipe[picture], pipe[picture]), own)])
         for picture, k in place.items()
     }
+
+
+def joint_centres(joints: Sequence[JointPlace]) -> dict[int, AxisView]:
+    """The same from the joints of a drive, which come in the order of chainage: of their rings those that lie ahead count."""
+    along = [joint.chainage for joint in joints]
+    seen = []
+    for number, joint in enumerate(joints):
+        for sighting in joint.sightings:
+            passed = bisect.bisect_left(along, sighting.position)
+            if passed <= number:
+                seen.append(JointRing(sighting.frame, passed, number, sighting.ring))
+    return ring_centres(seen)

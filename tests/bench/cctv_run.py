@@ -39,6 +39,7 @@ from estimators.rings import (
     axis_view,
     dark_centre,
     find,
+    joint_centres,
     ring_centres,
 )
 from tests.bench.real_data import fail
@@ -128,7 +129,7 @@ def _compare(frames: list[VideoFrame], places: list[float | None], result: Joint
     agreed: dict[str, list[float]] = {"one line": [], "bends": [], "found": [], "near": []}
     diagonal = float(np.hypot(*frames[0].image.shape[:2]))
     by_bends = _marked_centres(frames, places, result, marks)
-    by_found = _found_centres(frames, places, result)
+    by_found = joint_centres(result.joints)
     for k, frame in enumerate(frames):
         if frame.time_s not in marks:
             continue
@@ -200,18 +201,6 @@ def _marked_centres(
         for ahead, (u, v, across) in enumerate(marks.get(frame.time_s, [])):
             ring = Ring((u, v), across, across / aspect, MARK_STD, 1.0, 1.0)
             seen.append(JointRing(frame.number, passed, passed + ahead, ring))
-    return ring_centres(seen)
-
-
-def _found_centres(frames: list[VideoFrame], places: list[float | None], result: JointMap) -> dict[int, AxisView]:
-    """By frame, from all the rings that were found to be joints ahead."""
-    where = {frame.number: place for frame, place in zip(frames, places, strict=True)}
-    seen = []
-    for number, joint in enumerate(result.joints):
-        for sighting in joint.sightings:
-            passed = int(np.searchsorted([one.chainage for one in result.joints], where[sighting.frame] or 0.0))
-            if number >= passed:
-                seen.append(JointRing(sighting.frame, passed, number, sighting.ring))
     return ring_centres(seen)
 
 
