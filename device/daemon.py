@@ -34,7 +34,7 @@ from device.inspections.desk import Desk
 from device.lamp import LampKeeper
 from device.landmarks.crawler import Crawler
 from device.landmarks.crawlers import make_crawler
-from device.landmarks.tether import Tether
+from device.landmarks.desk import DriveDesk
 from device.notify import Turns
 from device.pictures import PICTURE_KINDS, PictureCache
 from device.prompts import PROMPTS
@@ -48,7 +48,6 @@ from device.store.surveys import QUESTIONS
 from device.structure.desk import StructureDesk
 from device.structure.rig import make_rig
 from device.surveys.diameter import DiameterSurvey
-from device.surveys.landmarks import LandmarkSurvey
 from device.surveys.live import LiveEstimates
 from device.workers import WorkerPool
 from drivers.lamp.base import Lamp
@@ -123,7 +122,16 @@ class Device:
             first_notes=lambda: {HEALTH_TOPIC: self._health.to_json()},
         )
         self.recordings = RecordingDesk(self._store, self._shelf)
-        self._drive = LandmarkSurvey(self._store, self._bus, self._crawler, self._shelf)
+        self._lamp = None if self._crawler.lamp is None else self._make_lamp(self._crawler.lamp)
+        self.drive = DriveDesk(
+            self._store,
+            self._bus,
+            self._crawler,
+            self._shelf,
+            self._lamp,
+            turns=self.turns,
+            refuse_without_room=self._refuse_without_room,
+        )
         self.structure = StructureDesk(
             self._store, self._bus, rig, self._shelf, turns=self.turns, refuse_without_room=self._refuse_without_room
         )
@@ -141,28 +149,27 @@ class Device:
         self._pool = pool or WorkerPool(settings.workers)
         self._live = LiveEstimates(self._feeds, self._pool, self._bus, settings.live_hz)
         self._survey = DiameterSurvey(self._store, self._bus, self._feeds, self._pool, self._live, self._shelf)
-        self._lamp = None if self._crawler.lamp is None else self._make_lamp(self._crawler.lamp)
         self._health = HealthWatch(
             MachineReader(settings.machine),
             settings.data_dir,
             self._clock,
             self._bus,
             [("camera", feed) for feed in self._feeds]
-            + [("grabber" if feed is self._crawler.grabber else "encoder", feed) for feed in self._crawler.feeds]
+            + self.drive.sensors()
             + self.structure.sensors()
             + self.anomaly.sensors(),
             turn=self.turns.loop("health", 120.0),
             keep=lambda health: self._shelf.note(HEALTH_TOPIC, health),
         )
-        for feed in (*self._feeds, *self._crawler.feeds):
+        for feed in self._feeds:
             feed.on_turn = self.turns.loop(f"watchdog of {feed.name}", 15.0)
         self._live.on_turn = self.turns.loop("live estimates", 30.0)
-        self._survey.turns = self._drive.turns = self.turns
+        self._survey.turns = self.turns
         self._unattended = Unattended(
             self._store,
             self._clock,
             self._crawler,
-            self._drive,
+            self.drive.survey,
             self._survey if self._feeds else None,
             self._live,
             self._condition,
@@ -201,8 +208,9 @@ class Device:
             log.info("%d survey(s) deleted more than %d days ago were removed", len(purged), self.settings.purge_days)
         for survey in purged:
             self._shelf.remove(survey)
-        for feed in (*self._feeds, *self._crawler.feeds):
+        for feed in self._feeds:
             feed.start()
+        self.drive.start()
         self.structure.start()
         self.anomaly.start()
         self._live.start()
@@ -220,7 +228,7 @@ class Device:
         self._changed.set()
         self._bus.close()
         self._unattended.close()
-        self._drive.close()
+        self.drive.close()
         self.structure.close()
         self.anomaly.close()
         self._survey.close()
@@ -229,7 +237,7 @@ class Device:
         self._health.close()
         if self._lamp is not None:
             self._lamp.close()
-        for feed in (*self._feeds, *self._crawler.feeds):
+        for feed in self._feeds:
             feed.close()
         self._pool.close()
         if self._started:
@@ -266,12 +274,12 @@ class Device:
     @property
     def settled(self) -> bool:
         """Whether every sensor is up or has been declared degraded or lost: nobody waits for one that is being started."""
-        feeds = (*self._feeds, *self._crawler.feeds, *self.structure.feeds, *self.anomaly.feeds)
+        feeds = (*self._feeds, *self.drive.feeds, *self.structure.feeds, *self.anomaly.feeds)
         return all(feed.status().state != "starting" for feed in feeds)
 
     def status_line(self) -> str:
         """One line for the service manager."""
-        feeds = [(feed.name, feed.status().state) for feed in (*self._feeds, *self._crawler.feeds)]
+        feeds = [(feed.name, feed.status().state) for feed in (*self._feeds, *self.drive.feeds)]
         return ", ".join(f"{name} {state}" for name, state in feeds) or "no sensors"
 
     # While nobody looks
@@ -395,7 +403,7 @@ class Device:
     def delete_survey(self, survey_id: int) -> None:
         """Out of sight; ``restore_survey`` undoes it until it is purged. Raises NotFound, Busy."""
         self._survey.refuse_if_measuring(survey_id)
-        self._drive.refuse_if_driving(survey_id)
+        self.drive.refuse_if_driving(survey_id)
         self.structure.refuse_if_scanning(survey_id)
         self.anomaly.refuse_if_scanning(survey_id)
         self._store.surveys.delete(survey_id)
@@ -405,100 +413,14 @@ class Device:
         self._store.surveys.restore(survey_id)
         return self.survey(survey_id)
 
-    # Drives
-
-    def drive(self) -> dict[str, Any]:
-        """The drive under way, the CCTV and the tether."""
-        return self._drive.state()
-
-    def start_drive(
-        self,
-        pipe_id: int | None = None,
-        direction: str = "downstream",
-        radius_m: float | None = None,
-        start_chainage_m: float | None = None,
-    ) -> dict[str, Any]:
-        """Begin to map a pipe: {"survey_id"}. How it goes on is told by "drive" events.
-
-        Raises Busy, NotFound, Invalid, StorageFull.
-        """
-        self._refuse_without_room()
-        self._let_there_be_light()
-        pipe = None if pipe_id is None else self._store.places.pipe(pipe_id)
-        return {"survey_id": self._drive.start(pipe, direction, radius_m, start_chainage_m)}
-
-    def pause_drive(self) -> None:
-        """Map nothing until ``resume_drive``. Raises Invalid."""
-        self._drive.pause(True)
-
-    def resume_drive(self) -> None:
-        """Go on mapping. Raises Invalid."""
-        self._drive.pause(False)
-
-    def cancel_drive(self) -> None:
-        """Forget the drive under way, if there is one."""
-        self._drive.cancel()
-
-    def end_drive(self, length_m: float | None = None) -> dict[str, Any]:
-        """The end node is reached: {"survey_id"}. Raises Invalid."""
-        return {"survey_id": self._drive.end(length_m)}
-
-    def mark_landmark(self, label: str, clock: float | None = None, note: str = "") -> dict[str, Any]:
-        """A landmark where the crawler is now. Raises Invalid, StorageFull."""
-        return self._drive.mark(label, clock, note)
-
-    def drive_picture(self, overlay: bool = False, heatmap: str | None = None) -> bytes | None:
-        """JPEG of the newest CCTV picture, or None; ``heatmap`` is a class of the network. Whoever looks wants to see: a
-        resting lamp is lit. Raises Invalid."""
-        self._let_there_be_light()
-        return self._drive.picture(overlay, heatmap)
-
-    def set_encoder(self, change: dict[str, Any]) -> dict[str, Any]:
-        """Set "counts_per_metre" and "direction"; the encoder. Raises Busy, Invalid."""
-        self._idle_tether().change(change)
-        return self._drive.encoder()
-
-    def zero_encoder(self, chainage_m: float = 0.0) -> dict[str, Any]:
-        """The crawler stands at this chainage; the encoder. Raises Busy, Invalid."""
-        self._idle_tether().zero(chainage_m)
-        return self._drive.encoder()
-
-    def calibrate_encoder(self, point: str, length_m: float | None = None) -> dict[str, Any]:
-        """Two-point calibration; the encoder. Raises Busy, Invalid."""
-        self._idle_tether().calibrate(point, length_m)
-        return self._drive.encoder()
-
-    def survey_map(self, survey_id: int) -> dict[str, Any]:
-        """The map of a drive, also of the one under way. Raises NotFound."""
-        return self._store.drives.map(survey_id)
-
-    def thumbnail(self, survey_id: int, landmark: int, heatmap: str | None = None) -> bytes | None:
-        """JPEG of a landmark, or None. Raises NotFound."""
-        return self._drive.thumbnail(survey_id, landmark, heatmap)
-
-    def change_landmark(self, survey_id: int, landmark: int, change: dict[str, Any]) -> dict[str, Any]:
-        """What somebody says of a landmark: "decision", "class", "chainage_m", "clock", "note", "by". Raises NotFound."""
-        said = {key: value for key, value in change.items() if key != "by"}
-        return self._drive.say(survey_id, landmark, said, str(change.get("by") or ""))
-
     def _lit(self) -> LampKeeper:
         if self._lamp is None:
             raise NotFound("This box has no lamp that can be dimmed.")
         return self._lamp
 
-    def _let_there_be_light(self) -> None:
-        if self._lamp is not None:
-            self._lamp.look()
-
     def _make_lamp(self, lamp: Lamp) -> LampKeeper:
         crawler = self._crawler
         return LampKeeper(lamp, self._store.remembered, crawler.grabber, crawler.tether, on_change=self._changed.set)
-
-    def _idle_tether(self) -> Tether:
-        self._drive.refuse_if_driving()
-        if self._crawler.tether is None:
-            raise Invalid("This box has no tether encoder: name one in its settings.")
-        return self._crawler.tether
 
     def _condition(self) -> Condition:
         codes = {prompt["code"] for prompt in self._health.prompts()}

@@ -46,57 +46,57 @@ def blueprint(device: "Device") -> Blueprint:
 
     @api.get("/drive")
     def drive() -> Response:
-        return jsonify(device.drive())
+        return jsonify(device.drive.state())
 
     @api.post("/drive")
     def start_drive() -> tuple[Response, int]:
-        return jsonify(device.start_drive(**bodies.read(bodies.DriveBody).model_dump())), 202
+        return jsonify(device.drive.begin(**bodies.read(bodies.DriveBody).model_dump())), 202
 
     @api.post("/drive/<any(pause, resume, cancel):what>")
     def steer_drive(what: str) -> Response:
         bodies.read(bodies.Empty)
-        {"pause": device.pause_drive, "resume": device.resume_drive, "cancel": device.cancel_drive}[what]()
+        {"pause": device.drive.pause, "resume": device.drive.resume, "cancel": device.drive.cancel}[what]()
         return Response(status=204)
 
     @api.post("/drive/mark")
     def mark() -> tuple[Response, int]:
         body = bodies.read(bodies.MarkBody)
-        return jsonify(device.mark_landmark(body.label, body.clock, body.note)), 201
+        return jsonify(device.drive.mark(body.label, body.clock, body.note)), 201
 
     @api.post("/drive/end")
     def end_drive() -> tuple[Response, int]:
-        return jsonify(device.end_drive(bodies.read(bodies.EndBody).length_m)), 202
+        return jsonify(device.drive.end(bodies.read(bodies.EndBody).length_m)), 202
 
     @api.get("/drive/picture.jpg")
     def drive_picture() -> Response:
         wanted = bodies.read_query(bodies.DrivePictureQuery)
-        return _jpeg(device.drive_picture(wanted.overlay, wanted.heatmap))
+        return _jpeg(device.drive.picture(wanted.overlay, wanted.heatmap))
 
     @api.put("/encoder")
     def encoder() -> Response:
-        return jsonify(device.set_encoder(bodies.read(bodies.EncoderBody).model_dump(exclude_unset=True)))
+        return jsonify(device.drive.set_encoder(bodies.read(bodies.EncoderBody).model_dump(exclude_unset=True)))
 
     @api.post("/encoder/zero")
     def zero_encoder() -> Response:
-        return jsonify(device.zero_encoder(bodies.read(bodies.ZeroBody).chainage_m))
+        return jsonify(device.drive.zero_encoder(bodies.read(bodies.ZeroBody).chainage_m))
 
     @api.post("/encoder/calibrate")
     def calibrate_encoder() -> Response:
         body = bodies.read(bodies.CalibrateBody)
-        return jsonify(device.calibrate_encoder(body.point, body.length_m))
+        return jsonify(device.drive.calibrate_encoder(body.point, body.length_m))
 
     @api.get(f"/surveys/{_ID}/map")
     def survey_map(number: int) -> Response:
-        return jsonify(device.survey_map(number))
+        return jsonify(device.drive.map(number))
 
     @api.get(f"/surveys/{_ID}/landmarks/{_LANDMARK}/thumbnail.jpg")
     def thumbnail(number: int, landmark: int) -> Response:
-        return _jpeg(device.thumbnail(number, landmark, bodies.read_query(bodies.ThumbnailQuery).heatmap))
+        return _jpeg(device.drive.thumbnail(number, landmark, bodies.read_query(bodies.ThumbnailQuery).heatmap))
 
     @api.patch(f"/surveys/{_ID}/landmarks/{_LANDMARK}")
     def change_landmark(number: int, landmark: int) -> Response:
         change = bodies.read(bodies.LandmarkChange).model_dump(exclude_unset=True, by_alias=True)
-        return jsonify(device.change_landmark(number, landmark, change))
+        return jsonify(device.drive.change_landmark(number, landmark, change))
 
     @api.get("/surveys")
     def surveys() -> Response:

@@ -87,7 +87,7 @@ class Stream:
         yield b"retry: 2000\n\n"
         yield frame("status", self._device.status())
         yield frame("live", self._device.live())
-        yield frame("drive", self._device.drive())
+        yield frame("drive", self._device.drive.state())
         yield frame("structure", self._device.structure.state())
         yield frame("control", self._device.access.state())
         spoke = time.monotonic()

@@ -47,7 +47,7 @@ def blueprint(device: "Device") -> Blueprint:
         newest = next(iter(device.surveys(None, 1, None)), None)
         return render_template(
             "drive.html",
-            drive=device.drive(),
+            drive=device.drive.state(),
             lamp=device.status()["lamp"],
             pipes=device.places.pipes(),
             nodes=device.places.nodes(),
@@ -80,7 +80,7 @@ def blueprint(device: "Device") -> Blueprint:
         if survey["kind"] == "anomaly":
             return render_template("anomaly_result.html", survey=survey, recording=recording)
         if survey["kind"] == "landmarks":
-            drive = device.survey_map(number)
+            drive = device.drive.map(number)
             return render_template("map.html", survey=survey, map=drive, classes=wording.CLASSES, recording=recording)
         if survey["kind"] == "structure":
             found = device.structure.map(number)

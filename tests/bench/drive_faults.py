@@ -90,8 +90,8 @@ def one_drive(seed: int, folder: Path) -> Outcome:
     shown: set[str] = set()
     try:
         box.moving, box.position = False, 0.0
-        box.wait(lambda: abs(box.device.drive()["encoder"]["counts"]) < 1, PATIENCE_S)
-        survey_id = box.device.start_drive()["survey_id"]
+        box.wait(lambda: abs(box.device.drive.state()["encoder"]["counts"]) < 1, PATIENCE_S)
+        survey_id = box.device.drive.begin()["survey_id"]
         box.moving = True
         for fault, start in zip(faults, starts, strict=True):
             box.drive_to(float(start), PATIENCE_S)
@@ -99,9 +99,9 @@ def one_drive(seed: int, folder: Path) -> Outcome:
             if fault in PROMPTED:
                 shown.add(fault)  # it waited for the prompt
         box.drive_to(END_M, PATIENCE_S)
-        box.device.end_drive()
+        box.device.drive.end()
         box.finished(PATIENCE_S)
-        return _judged(box.device.survey_map(survey_id), things, faults, jump, shown)
+        return _judged(box.device.drive.map(survey_id), things, faults, jump, shown)
     finally:
         box.close()
 
@@ -110,20 +110,20 @@ def _befall(box: Bench, fault: str, jump: float, rng: np.random.Generator) -> No
     """One fault, from its begin to its end."""
 
     def prompted() -> bool:
-        return PROMPTED[fault] in [prompt["code"] for prompt in box.device.drive()["prompts"]]
+        return PROMPTED[fault] in [prompt["code"] for prompt in box.device.drive.state()["prompts"]]
 
     if fault == "stream":
         box.grabber.fault = "lost"
         box.wait(prompted, PATIENCE_S)
         box.grabber.fault = ""
-        box.wait(lambda: box.device.drive()["grabber"]["state"] == "up", PATIENCE_S)
+        box.wait(lambda: box.device.drive.state()["grabber"]["state"] == "up", PATIENCE_S)
     elif fault == "encoder":
         box.encoder.fault = "unplugged"
-        box.wait(lambda: box.device.drive()["encoder"]["state"] != "up", PATIENCE_S)
+        box.wait(lambda: box.device.drive.state()["encoder"]["state"] != "up", PATIENCE_S)
         box.moving = False
         box.wait(prompted, PATIENCE_S)
         box.encoder.fault = ""
-        box.wait(lambda: box.device.drive()["encoder"]["state"] == "up", PATIENCE_S)
+        box.wait(lambda: box.device.drive.state()["encoder"]["state"] == "up", PATIENCE_S)
         box.moving = True
     elif fault == "jump":
         box.counter_offset += jump

@@ -61,10 +61,10 @@ def chain(root: Path, folder: Path, temporary: Path) -> None:
         wait(lambda: device.status()["survey"]["state"] == "idle")
     crawler = CrawlerSettings(grabber="stills", grabber_source=str(stills(root / "cctv_run", temporary / "run")), encoder="osd")
     with box(folder, crawler=crawler) as device:
-        device.start_drive(pipe)
-        wait(lambda: (device.drive()["chainage_m"] or 0.0) >= LAST_DISTANCE or not device.drive()["available"])
-        driven = device.end_drive(None)["survey_id"]
-        wait(lambda: device.drive()["state"] == "idle")
+        device.drive.begin(pipe)
+        wait(lambda: (device.drive.state()["chainage_m"] or 0.0) >= LAST_DISTANCE or not device.drive.state()["available"])
+        driven = device.drive.end(None)["survey_id"]
+        wait(lambda: device.drive.state()["state"] == "idle")
     with box(folder, stereo=StereoSettings(driver="replay", source=pair(root / "stereo_pipes", temporary / "pair"))) as device:
         wait(lambda: (device.anomaly.look()["camera"] or {}).get("state") == "up")
         scanned = device.anomaly.scan(pipe, 12.0)["survey_id"]

@@ -205,19 +205,19 @@ def _drive(folder: Path, run: _Run, recorded: bool, seconds: float) -> dict[str,
     settings = Settings(data_dir=folder, recording=RecordingSettings(enabled=recorded, keep_free_mb=100, stop_free_mb=100))
     device = Device(settings, feeds=[], pool=WorkerPool(1), clock=Clock(folder / "none"), crawler=crawler).start()
     try:
-        while device.drive()["encoder"]["state"] != "up" or device.drive()["grabber"]["state"] != "up":
+        while device.drive.state()["encoder"]["state"] != "up" or device.drive.state()["grabber"]["state"] != "up":
             time.sleep(0.05)
-        device.start_drive()
-        while device.drive()["frames"] < 20:
+        device.drive.begin()
+        while device.drive.state()["frames"] < 20:
             time.sleep(0.05)
-        before, begun, cpu, own = device.drive()["frames"], time.monotonic(), time.process_time(), _survey_s()
+        before, begun, cpu, own = device.drive.state()["frames"], time.monotonic(), time.process_time(), _survey_s()
         time.sleep(seconds)
-        frames, spent, own = device.drive()["frames"] - before, time.process_time() - cpu, _survey_s() - own
+        frames, spent, own = device.drive.state()["frames"] - before, time.process_time() - cpu, _survey_s() - own
         rate = frames / (time.monotonic() - begun)
         status = device.status()["recording"]["now"][-1]
         size = status["bytes"] / max(1, status["written"]) * 2
-        device.end_drive()
-        while device.drive()["state"] != "idle":
+        device.drive.end()
+        while device.drive.state()["state"] != "idle":
             time.sleep(0.05)
     finally:
         device.close()

@@ -175,7 +175,7 @@ class FakeRecordings:
 
 
 @dataclass
-class FakeDevice(FakeAlone, FakeBox, FakeDrive):
+class FakeDevice(FakeAlone, FakeBox):
     """The facade over canned answers; thread-safe enough for a web server."""
 
     scene: str = "good"
@@ -208,7 +208,7 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
         self._threads: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
         self.recordings = FakeRecordings(self)
         self.set_up_box()
-        self.set_up_drive()
+        self.drive = FakeDrive(self)
         self.structure = FakeStructure(self._bus)
         self.anomaly = FakeAnomaly(self._bus, self._ids)
         self.anomaly.pipe_of = self.pipe
@@ -445,13 +445,13 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
             if pipe_id in (None, pipe["id"]) and (before is None or number < before):
                 shown = {key: survey[key] for key in ("id", "kind", "created", "final_verdict")}
                 rows.append({**shown, **survey["result"], "pipe": pipe["name"]})
-        for row in self.drive_rows():
+        for row in self.drive.rows():
             if pipe_id in (None, row["pipe_id"]) and (before is None or row["id"] < before):
                 rows.append(row)
         return sorted(rows, key=lambda row: -row["id"])[:limit]
 
     def survey(self, survey_id: int) -> Json:
-        drive = self.drive_survey(survey_id)
+        drive = self.drive.survey(survey_id)
         if drive is not None:
             return drive
         if survey_id in self.structure.maps:
@@ -481,14 +481,14 @@ class FakeDevice(FakeAlone, FakeBox, FakeDrive):
 
     def delete_survey(self, survey_id: int) -> None:
         self.survey(survey_id)
-        shelf = self._maps if survey_id in self._maps else self._surveys
+        shelf = self.drive.maps if survey_id in self.drive.maps else self._surveys
         self._deleted[survey_id] = shelf.pop(survey_id)
 
     def restore_survey(self, survey_id: int) -> None:
         if survey_id not in self._deleted:
             raise NotFound(f"There is no deleted survey {survey_id}.")
         back = self._deleted.pop(survey_id)
-        (self._maps if "landmarks" in back else self._surveys)[survey_id] = back
+        (self.drive.maps if "landmarks" in back else self._surveys)[survey_id] = back
 
     def set_clock(self, epoch_ms: int) -> None:
         self.calls.append(("set_clock", epoch_ms))

@@ -1,6 +1,6 @@
 """The drive's half of the fake device: a crawler that goes through a canned pipe, and the map it leaves behind.
 
-``metres_per_second`` sets its pace; ``prompts``, ``drive_faults`` and the states of ``grabber`` and ``encoder`` are a test's
+``metres_per_second`` sets its pace; ``prompts``, ``faults`` and the states of ``grabber`` and ``encoder`` are a test's
 to set.
 """
 
@@ -9,14 +9,16 @@ from __future__ import annotations
 import threading
 import time
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from device.bus import Bus
 from device.errors import Busy, Invalid, NotFound
 from device.store.drives import with_words
+
+if TYPE_CHECKING:
+    from tests.browser.fake_device import FakeDevice
 
 Json = dict[str, Any]
 LENGTH_M = 42.0
@@ -91,34 +93,28 @@ def cctv_jpeg(number: int, overlay: bool, heatmap: str | None = None) -> bytes:
 
 
 class FakeDrive:
-    """To be mixed into a fake device, which brings what is declared here."""
+    """The facade of ``device.landmarks.desk.DriveDesk``, for the fake device that it is a part of."""
 
-    _bus: Bus
-    _lock: Any
-    _ids: Any
-    pipe: Any
-    _start: Any
-    _stop: threading.Event
-    calls: list[tuple[str, Any]]
-    metres_per_second = 8.0
-    available = True
-
-    def set_up_drive(self) -> None:
-        """Called by the fake device as it is made."""
+    def __init__(self, device: FakeDevice) -> None:
+        self._device = device
+        self._bus, self._lock, self._ids, self._stop = device._bus, device._lock, device._ids, device._stop
+        self._start = device._start
+        self.metres_per_second = 8.0
+        self.available = True
         self.prompts: list[Json] = []
-        self.drive_faults: list[Json] = []
+        self.faults: list[Json] = []
         self._untold: list[Json] = []
         self.grabber = {"name": "CCTV", "state": "up", "age_s": 0.03, "message": "", "fps": 25.0, "drops": 0, "reconnects": 0}
         self.encoder = {
             "name": "tether", "state": "up", "age_s": 0.05, "message": "", "fps": 20.0, "drops": 0, "reconnects": 0,
             "counts": 1200.0, "counts_per_metre": 1000.0, "direction": 1, "zero": 0.0,
         }  # fmt: skip
-        self._maps: dict[int, Json] = {}
+        self.maps: dict[int, Json] = {}
         self._drive: Json | None = None
         self._paused = threading.Event()
         self._over = threading.Event()
 
-    def drive(self) -> Json:
+    def state(self) -> Json:
         with self._lock:
             going = self._drive
             chainage = going["chainage_m"] if going else None
@@ -149,20 +145,20 @@ class FakeDrive:
         with self._lock:
             chainage = self._drive["chainage_m"] if self._drive else None
             fault = {"time_s": 12.3, "chainage_m": chainage, "what": what, "text": text}
-            self.drive_faults.append(fault)
+            self.faults.append(fault)
             self._untold.append(fault)
 
-    def start_drive(
+    def begin(
         self, pipe_id: int | None = None, direction: str = "downstream", radius_m: float | None = None,
         start_chainage_m: float | None = None,
     ) -> Json:  # fmt: skip
         with self._lock:
-            self.calls.append(("start_drive", (pipe_id, direction, radius_m, start_chainage_m)))
+            self._device.calls.append(("start_drive", (pipe_id, direction, radius_m, start_chainage_m)))
             if not self.available:
                 raise Invalid("This box has no CCTV grabber: name one in its settings.")
             if self._drive is not None:
                 raise Busy("A drive is under way: end it or cancel it.")
-            if pipe_id is not None and self.pipe(pipe_id) is None:
+            if pipe_id is not None and self._device.pipe(pipe_id) is None:
                 raise NotFound(f"There is no pipe number {pipe_id}.")
             number = next(self._ids)
             self._drive = {
@@ -202,28 +198,28 @@ class FakeDrive:
                 gone = [number for number in told if number not in {row["id"] for row in rows}]
                 told = {row["id"]: row for row in rows}
                 faults, self._untold = self._untold, []
-                self._bus.publish("drive", {**self.drive(), "landmarks": changed, "gone": gone, "faults": faults})
+                self._bus.publish("drive", {**self.state(), "landmarks": changed, "gone": gone, "faults": faults})
 
     def _going(self) -> Json:
         if self._drive is None:
             raise Invalid("No drive is under way.")
         return self._drive
 
-    def pause_drive(self) -> None:
+    def pause(self) -> None:
         with self._lock:
             self._going()["state"] = "paused"
 
-    def resume_drive(self) -> None:
+    def resume(self) -> None:
         with self._lock:
             self._going()["state"] = "driving"
 
-    def cancel_drive(self) -> None:
+    def cancel(self) -> None:
         with self._lock:
             self._over.set()
             self._drive = None
-            self._bus.publish("drive", {**self.drive(), "landmarks": []})
+            self._bus.publish("drive", {**self.state(), "landmarks": []})
 
-    def mark_landmark(self, label: str, clock: float | None = None, note: str = "") -> Json:
+    def mark(self, label: str, clock: float | None = None, note: str = "") -> Json:
         with self._lock:
             going = self._going()
             number = 100 + len(going["marks"])
@@ -235,12 +231,12 @@ class FakeDrive:
                 going["words"][number] = [{"note": note, "by": "", "created": None}]
             return with_words(row, going["words"].get(number, []))
 
-    def end_drive(self, length_m: float | None = None) -> Json:
+    def end(self, length_m: float | None = None) -> Json:
         with self._lock:
             going = self._going()
             going["state"] = "finishing"
             going["progress"] = 0.0
-            self.calls.append(("end_drive", length_m))
+            self._device.calls.append(("end_drive", length_m))
             self._start(self._finish)
             return {"survey_id": going["survey_id"]}
 
@@ -255,9 +251,9 @@ class FakeDrive:
         with self._lock:
             going = self._going()
             self._over.set()
-            self._maps[going["survey_id"]] = self._map(going, "saved")
+            self.maps[going["survey_id"]] = self._map(going, "saved")
             self._drive = None
-            self._bus.publish("drive", {**self.drive(), "landmarks": []})
+            self._bus.publish("drive", {**self.state(), "landmarks": []})
 
     def _map(self, going: Json, state: str) -> Json:
         return {
@@ -266,14 +262,14 @@ class FakeDrive:
             "state": state,
             "created": "2026-11-22T02:14:09Z",
             "clock_source": "browser",
-            "pipe": self.pipe(going["pipe_id"]),
+            "pipe": self._device.pipe(going["pipe_id"]),
             "direction": going["direction"],
             "from_m": 0.0,
             "to_m": going["chainage_m"],
             "radius_m": going["radius_m"],
             "landmarks": self._seen(going["chainage_m"]),
             "rings": [{"chainage_m": float(metre), "sightings": 20} for metre in range(1, int(going["chainage_m"]) + 1)],
-            "faults": list(self.drive_faults),
+            "faults": list(self.faults),
             "focal_radius": {"value": 61.2, "sigma": 0.8},
             "scale": {"value": 1.004, "sigma": 0.002} if state == "saved" else None,
             "smoothed": state == "saved",
@@ -282,7 +278,7 @@ class FakeDrive:
             "seconds": round(time.monotonic() - going["begun"], 1),
         }
 
-    def drive_picture(self, overlay: bool = False, heatmap: str | None = None) -> bytes | None:
+    def picture(self, overlay: bool = False, heatmap: str | None = None) -> bytes | None:
         return cctv_jpeg(int(time.monotonic() * 5) % 6, overlay, heatmap) if self.grabber["state"] == "up" else None
 
     def set_encoder(self, change: Json) -> Json:
@@ -300,7 +296,7 @@ class FakeDrive:
             self.encoder["counts_per_metre"] = 1000.0 * 10 / length_m
         return dict(self.encoder)
 
-    def add_drive(self, pipe_id: int | None = None, state: str = "saved") -> int:
+    def add(self, pipe_id: int | None = None, state: str = "saved") -> int:
         """Store a finished drive (or one that was "interrupted"); its number."""
         with self._lock:
             kept, number = self._drive, next(self._ids)
@@ -308,20 +304,20 @@ class FakeDrive:
                 "survey_id": number, "pipe_id": pipe_id, "direction": "downstream", "radius_m": RADIUS_M,
                 "chainage_m": LENGTH_M, "begun": time.monotonic() - 120, "words": {}, "marks": [],
             }  # fmt: skip
-            self._maps[number] = self._map(self._drive, state)
+            self.maps[number] = self._map(self._drive, state)
             self._drive = kept
             return number
 
-    def survey_map(self, survey_id: int) -> Json:
+    def map(self, survey_id: int) -> Json:
         with self._lock:
             if self._drive is not None and self._drive["survey_id"] == survey_id:
                 return self._map(self._drive, "measuring")
-            if survey_id not in self._maps:
+            if survey_id not in self.maps:
                 raise NotFound(f"There is no drive number {survey_id}.")
-            return self._maps[survey_id]
+            return self.maps[survey_id]
 
     def _of(self, survey_id: int, number: int) -> Json:
-        found = next((row for row in self.survey_map(survey_id)["landmarks"] if row["id"] == number), None)
+        found = next((row for row in self.map(survey_id)["landmarks"] if row["id"] == number), None)
         if found is None:
             raise NotFound(f"Survey {survey_id} has no landmark number {number}.")
         return found
@@ -332,14 +328,14 @@ class FakeDrive:
     def change_landmark(self, survey_id: int, number: int, change: Json) -> Json:
         with self._lock:
             row = self._of(survey_id, number)
-            self.calls.append(("change_landmark", (survey_id, number, change)))
+            self._device.calls.append(("change_landmark", (survey_id, number, change)))
             words = [*row["history"], {**{"by": "", "created": None}, **change}]
             if self._drive is not None and self._drive["survey_id"] == survey_id:
                 self._drive["words"][number] = words
             row |= with_words(row, words)
             return row
 
-    def drive_rows(self) -> list[Json]:
+    def rows(self) -> list[Json]:
         """The stored drives as rows of the list of surveys."""
         fields = ("from_m", "to_m", "frames", "seconds", "created", "clock_source", "state", "kind")
         empty = dict.fromkeys(("diameter_mm", "interval_mm", "dn", "final_verdict", "verdict_by"))
@@ -353,12 +349,12 @@ class FakeDrive:
                 "reasons": [],
                 **empty,
             }
-            for number, found in self._maps.items()
+            for number, found in self.maps.items()
         ]
 
-    def drive_survey(self, survey_id: int) -> Json | None:
+    def survey(self, survey_id: int) -> Json | None:
         """A stored drive as ``survey`` states it, None where there is no such drive."""
-        found = self._maps.get(survey_id)
+        found = self.maps.get(survey_id)
         if found is None:
             return None
         empty = dict.fromkeys(("result", "operator", "final_verdict", "verdict_by"))

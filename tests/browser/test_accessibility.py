@@ -82,14 +82,14 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
         {"name": "P" * 80, "material": "ductile iron", "shape": "egg", "reference_dn": 1100, "note": ""}
     )["id"]
     if path == "/surveys/map":
-        device.befall("slip", "The counter stands still but the picture moves.")
-        path = f"/surveys/{device.add_drive(pipe)}"
+        device.drive.befall("slip", "The counter stands still but the picture moves.")
+        path = f"/surveys/{device.drive.add(pipe)}"
     elif path.startswith("/surveys/"):
         path = f"/surveys/{device.add_survey(None, pipe, 'top', path.rsplit('/', 1)[1])}"
     elif path == "/surveys" and not state:
         device.add_survey(None, pipe, "top", "accept")
         device.add_survey(None, pipe, "top", "second")
-        device.add_drive(pipe, "interrupted")
+        device.drive.add(pipe, "interrupted")
         path = "/surveys?deleted=9"
     elif path == "/alone":
         device.journal, device.logs_by_itself, device.held = NIGHT, True, ("The disk was nearly full.",)
@@ -108,11 +108,11 @@ def show(watched: Watched, device: FakeDevice, name: str) -> Page:
         page.click("#start")
         expect(page.locator("#running")).to_be_visible()
     if path == "/drive":
-        device.add_drive(pipe, "interrupted")
+        device.drive.add(pipe, "interrupted")
         expect(page.locator("#view-cctv")).to_have_attribute("data-state", "live")
         page.select_option("#pipe", str(pipe))
     if state in ("driving", "mark"):
-        device.metres_per_second = 20
+        device.drive.metres_per_second = 20
         page.click("#start")
         expect(page.locator(".lm-row").first).to_be_visible()
     if state == "mark":

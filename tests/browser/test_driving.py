@@ -17,7 +17,7 @@ POLLS = "(() => { window.EventSource = undefined; delete window.EventSource; })(
 
 def begin(watched: Watched, device: FakeDevice, speed: float = 4.0) -> Page:
     """The page with a drive just started on it."""
-    device.metres_per_second = speed
+    device.drive.metres_per_second = speed
     page = watched.open("/drive")
     expect(page.locator("#start")).to_be_enabled()
     page.click("#start")
@@ -115,7 +115,7 @@ def test_a_mark_by_hand(screen: Watched, device: FakeDevice) -> None:
     dialog.get_by_role("button", name="Mark", exact=True).click()
     expect(page.locator(".lm-row").filter(has_text="Roots")).to_contain_text("clock not known")
     expect(page.locator(".unrolled .unknown-clock")).to_have_count(1)
-    marks = device.survey_map(device.drive()["survey_id"])["landmarks"]
+    marks = device.drive.map(device.drive.state()["survey_id"])["landmarks"]
     assert [(row["class"], row["clock"], row["note"]) for row in marks if row["marked_by_hand"]] == [
         ("liner wrinkle", 4.5, "look again"),
         ("roots", None, ""),
@@ -126,7 +126,7 @@ def test_cancelling_asks_first_and_leaves_nothing(screen: Watched, device: FakeD
     page = begin(screen, device)
     page.get_by_role("button", name="Cancel").click()
     page.get_by_role("button", name="Drive on").last.click()
-    assert device.drive()["state"] == "driving"
+    assert device.drive.state()["state"] == "driving"
     page.get_by_role("button", name="Cancel").click()
     page.get_by_role("button", name="Cancel it").click()
     expect(page.locator("#start")).to_be_visible()
@@ -137,29 +137,29 @@ def test_cancelling_asks_first_and_leaves_nothing(screen: Watched, device: FakeD
 
 
 def test_prompts_name_reason_and_remedy(screen: Watched, device: FakeDevice) -> None:
-    device.prompts = [SLIP]
+    device.drive.prompts = [SLIP]
     page = begin(screen, device)
     expect(page.locator("#prompt-reason")).to_have_text(SLIP["reason"])
     expect(page.locator("#prompt-remedy")).to_have_text(SLIP["remedy"])
     expect(page.locator("#prompt")).to_have_attribute("data-level", "fair")
-    device.prompts = []
+    device.drive.prompts = []
     expect(page.locator("#prompt-reason")).to_have_text(re.compile("^Mapping"))
-    device.befall("encoder_jump", "The counter jumped by -3.00 m; the way goes on from where it was.")
+    device.drive.befall("encoder_jump", "The counter jumped by -3.00 m; the way goes on from where it was.")
     expect(page.locator("#toast")).to_contain_text("The counter jumped")
 
 
 def test_lost_sensors_are_told_with_the_age_of_the_last_good_frame(screen: Watched, device: FakeDevice) -> None:
     page = begin(screen, device)
     expect(page.locator("#view-cctv")).to_have_attribute("data-state", "live")
-    device.grabber |= {"state": "lost", "age_s": 7.0, "message": "The stream is gone; trying again."}
+    device.drive.grabber |= {"state": "lost", "age_s": 7.0, "message": "The stream is gone; trying again."}
     expect(page.locator("#view-cctv")).to_have_attribute("data-state", "lost")
     expect(page.locator("#cctv-veil")).to_have_text(re.compile(r"^CCTV lost\. Last good frame 7\.\d s ago\.$"))
     expect(page.locator("#prompt-reason")).to_have_text("The CCTV picture is lost.")
     expect(page.locator("#prompt-remedy")).to_have_text("The stream is gone; trying again.")
     expect(page.locator("#announce")).to_have_text("CCTV lost.")
-    device.grabber |= {"state": "up", "age_s": 0.03, "message": ""}
+    device.drive.grabber |= {"state": "up", "age_s": 0.03, "message": ""}
     expect(page.locator("#view-cctv")).to_have_attribute("data-state", "live")
-    device.encoder |= {"state": "lost", "age_s": 3.0, "message": "It was unplugged."}
+    device.drive.encoder |= {"state": "lost", "age_s": 3.0, "message": "It was unplugged."}
     expect(page.locator("#encoder-chip")).to_have_attribute("data-state", "bad")
     expect(page.locator("#encoder-text")).to_have_text(re.compile(r"^Counter lost, 3\.\d s ago$"))
 
@@ -167,7 +167,7 @@ def test_lost_sensors_are_told_with_the_age_of_the_last_good_frame(screen: Watch
 def test_the_state_between_drives_stays_fresh(watch: Callable[..., Watched], device: FakeDevice) -> None:
     page = watch().open("/drive")
     expect(page.locator("#view-cctv")).to_have_attribute("data-state", "live")
-    device.encoder |= {"state": "lost", "age_s": 3.0}
+    device.drive.encoder |= {"state": "lost", "age_s": 3.0}
     expect(page.locator("#encoder-text")).to_have_text(re.compile("^Counter lost"))
 
 
@@ -222,10 +222,10 @@ def test_the_counter_is_set_zeroed_and_calibrated(screen: Watched, device: FakeD
     page.get_by_label("Counts run").select_option("down going in")
     page.get_by_role("button", name="Set", exact=True).click()
     expect(page.locator("#toast")).to_have_text("The counter is set.")
-    assert (device.encoder["counts_per_metre"], device.encoder["direction"]) == (987.5, -1)
+    assert (device.drive.encoder["counts_per_metre"], device.drive.encoder["direction"]) == (987.5, -1)
     page.get_by_role("button", name="Zero here").click()
     expect(page.locator("#toast")).to_have_text("The chainage is zero here.")
-    assert device.encoder["zero"] == 1200.0
+    assert device.drive.encoder["zero"] == 1200.0
     expect(page.get_by_role("button", name="End here")).to_be_disabled()
     page.get_by_role("button", name="Start here").click()
     expect(page.locator("#calibrate-step")).to_contain_text("First point is set")
@@ -241,10 +241,10 @@ def test_the_counter_is_set_zeroed_and_calibrated(screen: Watched, device: FakeD
 
 
 def test_a_box_without_a_grabber_says_so(screen: Watched, device: FakeDevice) -> None:
-    device.available = False
-    device.grabber = None  # type: ignore[assignment]  # as the device states it
-    device.encoder = None  # type: ignore[assignment]
-    device.drive = lambda: {**idle, "grabber": None, "encoder": None, "available": False}  # type: ignore[method-assign]
+    device.drive.available = False
+    device.drive.grabber = None  # type: ignore[assignment]  # as the device states it
+    device.drive.encoder = None  # type: ignore[assignment]
+    device.drive.state = lambda: {**idle, "grabber": None, "encoder": None, "available": False}  # type: ignore[method-assign]
     idle = {
         "state": "idle", "survey_id": None, "pipe_id": None, "direction": "downstream", "chainage_m": None, "sigma_m": None,
         "speed_mps": None, "seconds": 0.0, "frames": 0, "dropped": 0, "fps": 0.0, "prompts": [], "progress": None,
@@ -259,7 +259,7 @@ def test_a_box_without_a_grabber_says_so(screen: Watched, device: FakeDevice) ->
 
 
 def test_a_drive_cut_off_is_offered(screen: Watched, device: FakeDevice) -> None:
-    number = device.add_drive(None, "interrupted")
+    number = device.drive.add(None, "interrupted")
     page = screen.open("/drive")
     expect(page.locator("#cut-off")).to_contain_text("The last drive was cut off.")
     page.get_by_role("link", name=f"survey {number}").click()
@@ -268,8 +268,8 @@ def test_a_drive_cut_off_is_offered(screen: Watched, device: FakeDevice) -> None
 
 
 def test_a_page_opened_in_the_middle_of_a_drive_shows_all_of_it(screen: Watched, device: FakeDevice) -> None:
-    device.metres_per_second = 30.0
-    device.start_drive(None)
+    device.drive.metres_per_second = 30.0
+    device.drive.begin(None)
     page = screen.open("/drive")
     expect(page.locator("#pause")).to_be_visible()
     expect(page.locator(".lm-row")).to_have_count(7)

@@ -16,8 +16,8 @@ def number(device: FakeDevice) -> int:
     pipe = device.places.create_pipe(
         {"name": "Elm Road", "material": "clay", "shape": "circular", "reference_dn": 300, "note": ""}
     )
-    device.befall("encoder_lost", "The tether encoder failed: nothing comes.")
-    return device.add_drive(pipe["id"])
+    device.drive.befall("encoder_lost", "The tether encoder failed: nothing comes.")
+    return device.drive.add(pipe["id"])
 
 
 def range_of(page: Page) -> tuple[float, float]:
@@ -33,7 +33,7 @@ def middle_of(page: Page) -> tuple[float, float]:
 
 def test_the_history_lists_drives_in_one_line(screen: Watched, device: FakeDevice, number: int) -> None:
     device.add_survey(None, None, "top", "accept")
-    device.add_drive(None, "interrupted")
+    device.drive.add(None, "interrupted")
     page = screen.open("/surveys")
     rows = page.locator(".row")
     expect(rows).to_have_count(3)
@@ -209,7 +209,7 @@ def test_a_correction_moves_the_landmark_and_keeps_what_was_measured(screen: Wat
     expect(row).to_contain_text("4.25 m")
     expect(row).to_contain_text("3:30")
     expect(row).to_contain_text("corrected")
-    kept = device.survey_map(number)["landmarks"][0]
+    kept = device.drive.map(number)["landmarks"][0]
     assert (kept["class"], kept["chainage_m"], kept["clock"]) == ("connection", 3.42, 2.0)
     assert kept["corrected"] == {"class": "roots", "chainage_m": 4.25, "clock": 3.5}
     row.click()
@@ -297,7 +297,7 @@ def test_a_drive_is_deleted_and_brought_back(screen: Watched, device: FakeDevice
 
 
 def test_an_empty_map_says_so(screen: Watched, device: FakeDevice, number: int) -> None:
-    device.survey_map(number).update(landmarks=[], rings=[], from_m=None, to_m=None, focal_radius=None, scale=None, faults=[])
+    device.drive.map(number).update(landmarks=[], rings=[], from_m=None, to_m=None, focal_radius=None, scale=None, faults=[])
     page = screen.open(f"/surveys/{number}")
     expect(page.locator("#found-count")).to_have_text("No landmarks")
     expect(page.locator("#list-empty")).to_have_text("Nothing found yet.")

@@ -74,11 +74,11 @@ def test_from_start_to_a_deleted_map(watch: Callable[..., Watched], box: Bench) 
 def test_the_device_keeps_what_the_fake_promises_of_a_drive(box: Bench) -> None:
     """Every key the pages were developed against is there in the real answers."""
     fake, device = FakeDevice(), box.device
-    survey_id = device.start_drive()["survey_id"]
-    fake_id = fake.start_drive()["survey_id"]
-    box.wait(lambda: device.drive()["chainage_m"] is not None)
-    device.mark_landmark("roots", 4.5, "seen")
-    fake.mark_landmark("roots", 4.5, "seen")
+    survey_id = device.drive.begin()["survey_id"]
+    fake_id = fake.drive.begin()["survey_id"]
+    box.wait(lambda: device.drive.state()["chainage_m"] is not None)
+    device.drive.mark("roots", 4.5, "seen")
+    fake.drive.mark("roots", 4.5, "seen")
     events = {"fake": fake.subscribe(), "real": device.subscribe()}
     told = {}
     for whose, subscription in events.items():
@@ -88,14 +88,14 @@ def test_the_device_keeps_what_the_fake_promises_of_a_drive(box: Bench) -> None:
             if event.name == "drive" and event.data["state"] == "driving":
                 told[whose] = event.data
     pairs = {
-        "drive": (fake.drive(), device.drive()),
+        "drive": (fake.drive.state(), device.drive.state()),
         "event": ({**told["fake"], "landmarks": None}, told["real"]),
-        "map": ({**fake.survey_map(fake_id), "faults": [], "rings": []}, device.survey_map(survey_id)),
-        "encoder": (fake.encoder, device.drive()["encoder"]),
+        "map": ({**fake.drive.map(fake_id), "faults": [], "rings": []}, device.drive.map(survey_id)),
+        "encoder": (fake.drive.encoder, device.drive.state()["encoder"]),
     }
-    device.end_drive()
+    device.drive.end()
     box.finished()
-    pairs["survey"] = (fake.survey(fake.add_drive()), device.survey(survey_id))
+    pairs["survey"] = (fake.survey(fake.drive.add()), device.survey(survey_id))
     pairs["surveys"] = (fake.surveys()[0], device.surveys()[0])
     fake.close()
     for name, (promised, kept) in pairs.items():

@@ -100,7 +100,7 @@ class Bench:
 
     def up(self) -> Bench:
         """Wait until pictures and distances come."""
-        self.wait(lambda: all(self.device.drive()[which]["state"] == "up" for which in ("grabber", "encoder")))
+        self.wait(lambda: all(self.device.drive.state()[which]["state"] == "up" for which in ("grabber", "encoder")))
         return self
 
     def drive_to(self, chainage: float, within_s: float = 60.0) -> None:
@@ -109,7 +109,7 @@ class Bench:
 
     def finished(self, within_s: float = 60.0) -> None:
         """Wait until the box has done with the drive."""
-        self.wait(lambda: self.device.drive()["state"] == "idle", within_s)
+        self.wait(lambda: self.device.drive.state()["state"] == "idle", within_s)
 
     @staticmethod
     def wait(condition: Callable[[], Any], within_s: float = 30.0) -> None:

@@ -58,23 +58,23 @@ def test_it_can_be_switched_off_at_the_page_and_stays_so_after_a_restart(left_al
     Bench.wait(lambda: device.unattended()["autonomy"]["survey_id"] is not None, 60)
     state = device.unattended()["autonomy"]
     assert (state["on"], state["state"], state["holds"]) == (True, "surveying", [])
-    Bench.wait(lambda: device.drive()["chainage_m"] is not None and device.drive()["chainage_m"] > 1.0, 60)
+    Bench.wait(lambda: device.drive.state()["chainage_m"] is not None and device.drive.state()["chainage_m"] > 1.0, 60)
     assert device.log_by_itself(False)["on"] is False
-    Bench.wait(lambda: device.drive()["state"] == "idle", 60)
+    Bench.wait(lambda: device.drive.state()["state"] == "idle", 60)
     news = device.unattended()
     assert [entry["what"] for entry in news["entries"]] == ["on", "begin", "end"]
     assert news["entries"][-1]["text"] == "Survey 1 ended. Logging by itself was switched off."
     assert news["autonomy"]["news"] == 2
     device.look_at_journal(news["entries"][-1]["id"])
     assert device.unattended()["autonomy"]["news"] == 0
-    assert device.survey_map(1)["state"] == "saved"
+    assert device.drive.map(1)["state"] == "saved"
     device.close()
     device = left_alone()
     assert device.unattended()["autonomy"]["on"] is False
     time.sleep(1.0)
     assert device.unattended()["autonomy"]["state"] == "off"
     assert device.unattended()["unsafe_shutdowns"] == 0
-    assert device.drive()["state"] == "idle"
+    assert device.drive.state()["state"] == "idle"
 
 
 def test_a_box_on_a_full_disk_starts_and_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +86,7 @@ def test_a_box_on_a_full_disk_starts_and_stops(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(device._store.journal, "switched_on", full)
     monkeypatch.setattr(device._store.journal, "add", full)
     device.start()
-    Bench.wait(lambda: all(device.drive()[which]["state"] == "up" for which in ("grabber", "encoder")))
+    Bench.wait(lambda: all(device.drive.state()[which]["state"] == "up" for which in ("grabber", "encoder")))
     assert device.status()["autonomy"]["on"]
     device.close()
 
@@ -94,12 +94,12 @@ def test_a_box_on_a_full_disk_starts_and_stops(tmp_path: Path, monkeypatch: pyte
 def test_a_drive_by_hand_is_left_alone(left_alone: Callable[[], Device]) -> None:
     device = left_alone()
     device.log_by_itself(False)
-    Bench.wait(lambda: all(device.drive()[which]["state"] == "up" for which in ("grabber", "encoder")))
-    survey_id = device.start_drive()["survey_id"]
+    Bench.wait(lambda: all(device.drive.state()[which]["state"] == "up" for which in ("grabber", "encoder")))
+    survey_id = device.drive.begin()["survey_id"]
     device.log_by_itself(True)
     Bench.wait(lambda: device.unattended()["autonomy"]["state"] == "aside")
-    Bench.wait(lambda: device.drive()["chainage_m"] is not None and device.drive()["chainage_m"] > 1.0, 60)
-    assert device.drive()["survey_id"] == survey_id
-    device.end_drive()
-    Bench.wait(lambda: device.drive()["state"] == "idle", 60)
+    Bench.wait(lambda: device.drive.state()["chainage_m"] is not None and device.drive.state()["chainage_m"] > 1.0, 60)
+    assert device.drive.state()["survey_id"] == survey_id
+    device.drive.end()
+    Bench.wait(lambda: device.drive.state()["state"] == "idle", 60)
     assert [entry["what"] for entry in device.unattended()["entries"]] == ["on"]

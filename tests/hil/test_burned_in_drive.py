@@ -54,18 +54,18 @@ def test_a_drive_is_placed_by_the_distance_in_its_pictures(run: Path, tmp_path: 
     box = Device(settings, feeds=[], pool=WorkerPool(1), clock=Clock(tmp_path / "x"))
     box.start()
     try:
-        wait_until(lambda: box.drive()["grabber"]["state"] == "up", 40.0)
-        assert box.drive()["available"]
-        survey_id = box.start_drive()["survey_id"]
-        wait_until(lambda: (box.drive()["chainage_m"] or 0.0) > 2.0, 40.0)
-        state = box.drive()
+        wait_until(lambda: box.drive.state()["grabber"]["state"] == "up", 40.0)
+        assert box.drive.state()["available"]
+        survey_id = box.drive.begin()["survey_id"]
+        wait_until(lambda: (box.drive.state()["chainage_m"] or 0.0) > 2.0, 40.0)
+        state = box.drive.state()
         assert state["speed_mps"] == pytest.approx(STEP_M * FPS, abs=0.15)
         assert "no_distance" not in [prompt["code"] for prompt in state["prompts"]]
-        mark = box.mark_landmark("patch", 4.0, "")
-        assert mark["chainage_m"] == pytest.approx(box.drive()["chainage_m"], abs=0.3)
-        box.end_drive()
-        wait_until(lambda: box.drive()["state"] == "idle", 40.0)
-        found = box.survey_map(survey_id)
+        mark = box.drive.mark("patch", 4.0, "")
+        assert mark["chainage_m"] == pytest.approx(box.drive.state()["chainage_m"], abs=0.3)
+        box.drive.end()
+        wait_until(lambda: box.drive.state()["state"] == "idle", 40.0)
+        found = box.drive.map(survey_id)
         assert found["state"] == "saved"
         assert found["frames"] > 20
         assert 2.0 < found["to_m"] < FRAMES * STEP_M

@@ -37,7 +37,7 @@ def drive(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     box = parked(lambda **options: Bench(folder, things, **options).up())
     try:
         box.device.set_clock(1_790_000_000_000)
-        survey_id = box.device.start_drive(radius_m=0.15)["survey_id"]
+        survey_id = box.device.drive.begin(radius_m=0.15)["survey_id"]
         box.moving = True
         for k, metres in enumerate((0.5, 1.0, 1.5, 2.0)):
             box.drive_to(metres)

@@ -42,9 +42,9 @@ def bench(tmp_path: Path) -> Iterator[Open]:
 
 
 def end(box: Bench, survey_id: int, **arguments: Any) -> dict[str, Any]:
-    assert box.device.end_drive(**arguments) == {"survey_id": survey_id}
+    assert box.device.drive.end(**arguments) == {"survey_id": survey_id}
     box.finished()
-    return box.device.survey_map(survey_id)
+    return box.device.drive.map(survey_id)
 
 
 def check(found: dict[str, Any], offset: float, things: Any = THINGS, within_m: float = 0.2) -> None:
@@ -66,23 +66,23 @@ def parked(open_bench: Open, **options: Any) -> Bench:
     box = open_bench(**options)
     box.moving = False
     box.position = 0.0
-    box.wait(lambda: abs(box.device.drive()["encoder"]["counts"]) < 1)
+    box.wait(lambda: abs(box.device.drive.state()["encoder"]["counts"]) < 1)
     return box
 
 
 def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path: Path) -> None:
     box = parked(bench)
     pipe = box.device.places.create_pipe({"name": "H1", "reference_dn": 300})
-    survey_id = box.device.start_drive(pipe["id"], "downstream")["survey_id"]
+    survey_id = box.device.drive.begin(pipe["id"], "downstream")["survey_id"]
     box.moving = True
     box.drive_to(3.3)
-    state = box.device.drive()
+    state = box.device.drive.state()
     assert (state["state"], state["survey_id"], state["pipe_id"]) == ("driving", survey_id, pipe["id"])
     assert state["chainage_m"] == pytest.approx(box.position, abs=0.3)
     assert state["speed_mps"] == pytest.approx(0.4, abs=0.1)
     assert state["counts"]["passed"] + state["counts"]["confirmed"] >= 2
     for overlay, heatmap in ((False, None), (True, None), (True, "roots"), (False, "connection")):
-        picture = box.device.drive_picture(overlay, heatmap)
+        picture = box.device.drive.picture(overlay, heatmap)
         assert picture is not None
         assert picture.startswith(b"\xff\xd8")
     box.drive_to(END_M)
@@ -92,14 +92,14 @@ def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path:
     assert found["to_m"] == pytest.approx(END_M, abs=0.5)
     assert [fault for fault in found["faults"] if fault["what"] != "slip_found"] == []
     for row in found["landmarks"]:
-        thumbnail = box.device.thumbnail(survey_id, row["id"])
+        thumbnail = box.device.drive.thumbnail(survey_id, row["id"])
         assert thumbnail is not None
         assert thumbnail.startswith(b"\xff\xd8")
-        explained = box.device.thumbnail(survey_id, row["id"], row["class"])
+        explained = box.device.drive.thumbnail(survey_id, row["id"], row["class"])
         assert explained is not None
         assert explained.startswith(b"\xff\xd8")
     with pytest.raises(Invalid, match="There is no heatmap of cracks"):
-        box.device.drive_picture(heatmap="cracks")
+        box.device.drive.picture(heatmap="cracks")
     assert [row["landmarks"] for row in box.device.surveys()] == [len(THINGS)]
     with sqlite3.connect(f"file:{tmp_path}/data/borescout.db?mode=ro", uri=True) as onlooker:
         assert onlooker.execute("SELECT state FROM surveys").fetchall() == [("saved",)]
@@ -108,11 +108,11 @@ def test_a_drive_finds_each_landmark_once_and_where_it_is(bench: Open, tmp_path:
 
 def test_what_is_shown_as_stored_is_stored_while_the_drive_goes_on(bench: Open, tmp_path: Path) -> None:
     box = parked(bench, period_s=0.02)
-    survey_id = box.device.start_drive()["survey_id"]
+    survey_id = box.device.drive.begin()["survey_id"]
     box.moving = True
     box.drive_to(3.6)
-    box.wait(lambda: len(box.device.survey_map(survey_id)["landmarks"]) >= 2)
-    so_far = box.device.survey_map(survey_id)
+    box.wait(lambda: len(box.device.drive.map(survey_id)["landmarks"]) >= 2)
+    so_far = box.device.drive.map(survey_id)
     assert (so_far["state"], so_far["smoothed"]) == ("measuring", False)
     assert box.device.surveys() == []  # the list has what is finished
     box.close()  # the power is cut nicely
@@ -123,19 +123,19 @@ def test_what_is_shown_as_stored_is_stored_while_the_drive_goes_on(bench: Open, 
 
 def test_stream_and_encoder_die_and_return_and_nothing_is_lost_or_doubled(bench: Open) -> None:
     box = parked(bench)
-    survey_id = box.device.start_drive()["survey_id"]
+    survey_id = box.device.drive.begin()["survey_id"]
     box.moving = True
     box.drive_to(2.0)
     box.grabber.fault = "lost"
-    box.wait(lambda: "signal_lost" in [prompt["code"] for prompt in box.device.drive()["prompts"]])
+    box.wait(lambda: "signal_lost" in [prompt["code"] for prompt in box.device.drive.state()["prompts"]])
     box.grabber.fault = ""
     box.drive_to(3.6)
     box.encoder.fault = "unplugged"
-    box.wait(lambda: box.device.drive()["encoder"]["state"] != "up")
+    box.wait(lambda: box.device.drive.state()["encoder"]["state"] != "up")
     box.moving = False  # the operator is told to stop, and does
-    box.wait(lambda: "encoder_lost" in [prompt["code"] for prompt in box.device.drive()["prompts"]])
+    box.wait(lambda: "encoder_lost" in [prompt["code"] for prompt in box.device.drive.state()["prompts"]])
     box.encoder.fault = ""
-    box.wait(lambda: box.device.drive()["encoder"]["state"] == "up")
+    box.wait(lambda: box.device.drive.state()["encoder"]["state"] == "up")
     box.moving = True
     box.drive_to(5.0)
     box.counter_offset = -1.3  # the counter jumps back
@@ -159,14 +159,14 @@ def test_the_page_waits_while_the_map_is_closed(bench: Open, monkeypatch: pytest
     close = LandmarkPipeline.close
 
     def looked_at(pipeline: LandmarkPipeline) -> None:
-        asking = threading.Thread(target=box.device.drive, daemon=True)
+        asking = threading.Thread(target=box.device.drive.state, daemon=True)
         asking.start()
         asking.join(0.3)
         waited.append(asking.is_alive())
         close(pipeline)
 
     monkeypatch.setattr(LandmarkPipeline, "close", looked_at)
-    survey_id = box.device.start_drive()["survey_id"]
+    survey_id = box.device.drive.begin()["survey_id"]
     box.moving = True
     box.drive_to(1.0)
     end(box, survey_id)
@@ -175,16 +175,16 @@ def test_the_page_waits_while_the_map_is_closed(bench: Open, monkeypatch: pytest
 
 def test_marking_by_hand_and_what_is_said_of_a_landmark(bench: Open) -> None:
     box = parked(bench)
-    survey_id = box.device.start_drive(start_chainage_m=10.0)["survey_id"]
+    survey_id = box.device.drive.begin(start_chainage_m=10.0)["survey_id"]
     box.moving = True
     box.drive_to(2.2)
-    mark = box.device.mark_landmark("patch", 4.0, "looks new")
+    mark = box.device.drive.mark("patch", 4.0, "looks new")
     assert (mark["marked_by_hand"], mark["class"], mark["clock"], mark["note"]) == (True, "patch", 4.0, "looks new")
     assert mark["chainage_m"] == pytest.approx(10.0 + box.position, abs=0.4)
-    rows = box.device.survey_map(survey_id)["landmarks"]
+    rows = box.device.drive.map(survey_id)["landmarks"]
     assert mark["id"] in [row["id"] for row in rows]  # it is stored already
     connection = next(row for row in rows if row["class"] == "connection")
-    said = box.device.change_landmark(survey_id, connection["id"], {"decision": "confirmed", "clock": 9.0, "by": "Ada"})
+    said = box.device.drive.change_landmark(survey_id, connection["id"], {"decision": "confirmed", "clock": 9.0, "by": "Ada"})
     assert said["corrected"] == {"clock": 9.0}
     box.drive_to(3.4)
     found = end(box, survey_id)
@@ -194,49 +194,49 @@ def test_marking_by_hand_and_what_is_said_of_a_landmark(bench: Open) -> None:
     assert kept[connection["id"]]["chainage_m"] == pytest.approx(11.5, abs=0.15)
     assert kept[mark["id"]]["marked_by_hand"]
     with pytest.raises(NotFound):
-        box.device.change_landmark(survey_id, 999, {"note": "?"})
+        box.device.drive.change_landmark(survey_id, 999, {"note": "?"})
 
 
 def test_pause_cancel_and_one_drive_at_a_time(bench: Open) -> None:
     box = parked(bench)
-    survey_id = box.device.start_drive()["survey_id"]
+    survey_id = box.device.drive.begin()["survey_id"]
     with pytest.raises(Busy):
-        box.device.start_drive()
+        box.device.drive.begin()
     with pytest.raises(Busy):
-        box.device.zero_encoder()
+        box.device.drive.zero_encoder()
     with pytest.raises(Busy):
         box.device.delete_survey(survey_id)
-    box.device.pause_drive()
-    before = box.device.drive()["frames"]
+    box.device.drive.pause()
+    before = box.device.drive.state()["frames"]
     box.moving = True
     box.drive_to(1.0)
-    assert box.device.drive()["frames"] <= before + 2
-    assert box.device.drive()["chainage_m"] > 0.5  # the way goes on being counted
-    box.device.resume_drive()
-    box.wait(lambda: box.device.drive()["frames"] > before + 10)
-    box.device.cancel_drive()
+    assert box.device.drive.state()["frames"] <= before + 2
+    assert box.device.drive.state()["chainage_m"] > 0.5  # the way goes on being counted
+    box.device.drive.resume()
+    box.wait(lambda: box.device.drive.state()["frames"] > before + 10)
+    box.device.drive.cancel()
     box.finished()
     with pytest.raises(NotFound):
-        box.device.survey_map(survey_id)
-    for refused in (box.device.pause_drive, box.device.end_drive, lambda: box.device.mark_landmark("roots")):
+        box.device.drive.map(survey_id)
+    for refused in (box.device.drive.pause, box.device.drive.end, lambda: box.device.drive.mark("roots")):
         with pytest.raises(Invalid, match="No drive is under way"):
             refused()
 
 
 def test_the_tether_is_zeroed_turned_and_calibrated(bench: Open) -> None:
     box = parked(bench)
-    assert box.device.zero_encoder(2.0)["metres"] == pytest.approx(2.0, abs=0.01)
-    turned = box.device.set_encoder({"direction": -1})
+    assert box.device.drive.zero_encoder(2.0)["metres"] == pytest.approx(2.0, abs=0.01)
+    turned = box.device.drive.set_encoder({"direction": -1})
     assert (turned["direction"], turned["counts_per_metre"]) == (-1, 1000.0)
     assert turned["metres"] == pytest.approx(2.0, abs=0.01)  # it stands where it stood
     with pytest.raises(Invalid, match="first point"):
-        box.device.calibrate_encoder("end", 5.0)
-    box.device.calibrate_encoder("start")
+        box.device.drive.calibrate_encoder("end", 5.0)
+    box.device.drive.calibrate_encoder("start")
     with pytest.raises(Invalid, match="steps"):
-        box.device.calibrate_encoder("end", 5.0)  # it has not moved
+        box.device.drive.calibrate_encoder("end", 5.0)  # it has not moved
     box.position = 5.0
-    box.wait(lambda: box.device.drive()["encoder"]["counts"] == pytest.approx(5000, abs=1))
-    done = box.device.calibrate_encoder("end", 4.9)
+    box.wait(lambda: box.device.drive.state()["encoder"]["counts"] == pytest.approx(5000, abs=1))
+    done = box.device.drive.calibrate_encoder("end", 4.9)
     assert (done["counts_per_metre"], done["direction"]) == (pytest.approx(5000 / 4.9, rel=1e-3), 1)
     assert box.tether is not None
     assert box.device._store.remembered.get("encoder")["counts_per_metre"] == done["counts_per_metre"]
@@ -244,16 +244,16 @@ def test_the_tether_is_zeroed_turned_and_calibrated(bench: Open) -> None:
 
 def test_a_disk_that_fills_up_is_told_and_the_drive_goes_on(bench: Open) -> None:
     box = parked(bench)
-    survey_id = box.device.start_drive()["survey_id"]
+    survey_id = box.device.drive.begin()["survey_id"]
     box.moving = True
     box.drive_to(1.0)
     with box.device._store._database.read() as connection:
         pages = connection.execute("PRAGMA page_count").fetchone()[0]
         connection.execute(f"PRAGMA max_page_count = {pages}")
-    box.wait(lambda: "storage_full" in [prompt["code"] for prompt in box.device.drive()["prompts"]])
+    box.wait(lambda: "storage_full" in [prompt["code"] for prompt in box.device.drive.state()["prompts"]])
     box.drive_to(4.0)
     with box.device._store._database.read() as connection:
         connection.execute("PRAGMA max_page_count = 1000000")
-    box.wait(lambda: "storage_full" not in [prompt["code"] for prompt in box.device.drive()["prompts"]])
+    box.wait(lambda: "storage_full" not in [prompt["code"] for prompt in box.device.drive.state()["prompts"]])
     found = end(box, survey_id)
     assert len(found["landmarks"]) >= 2  # what could not be written waited

@@ -46,9 +46,9 @@ def test_the_log_of_a_survey_tells_how_the_box_was(tmp_path: Path) -> None:
     bench = CrawlerBench(tmp_path / "data", [])
     try:
         bench.up()
-        number = bench.device.start_drive()["survey_id"]
+        number = bench.device.drive.begin()["survey_id"]
         bench.drive_to(bench.position + 0.5)
-        bench.device.end_drive()
+        bench.device.drive.end()
         bench.finished()
     finally:
         bench.close()

@@ -47,16 +47,16 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
     box = crawler_rig.Bench(folder, THINGS)
     try:
         box.up()
-        survey = box.device.start_drive()["survey_id"]
+        survey = box.device.drive.begin()["survey_id"]
         box.drive_to(0.3)
-        box.device.pause_drive()
+        box.device.drive.pause()
         box.drive_to(0.4)
-        box.device.resume_drive()
-        box.device.mark_landmark("roots", 4.0, "by hand")
+        box.device.drive.resume()
+        box.device.drive.mark("roots", 4.0, "by hand")
         box.drive_to(END_M, PATIENCE_S)
-        box.device.end_drive()
+        box.device.drive.end()
         box.finished(PATIENCE_S)
-        stored = box.device.survey_map(survey)
+        stored = box.device.drive.map(survey)
     finally:
         box.close()
     (path,) = recordings(folder)
@@ -158,18 +158,18 @@ def test_a_disk_that_fills_ends_the_recording_and_not_the_drive(tmp_path: Path) 
     box = crawler_rig.Bench(tmp_path, THINGS)
     try:
         box.up()
-        survey = box.device.start_drive()["survey_id"]
+        survey = box.device.drive.begin()["survey_id"]
         box.drive_to(0.4)
         box.device._shelf._free = lambda folder: 60 * MB
-        box.wait(lambda: "not_recorded" in [prompt["code"] for prompt in box.device.drive()["prompts"]], PATIENCE_S)
+        box.wait(lambda: "not_recorded" in [prompt["code"] for prompt in box.device.drive.state()["prompts"]], PATIENCE_S)
         (now,) = box.device.status()["recording"]["now"]
         assert (now["state"], now["survey_id"]) == ("stopped", survey)
         assert "nearly full" in now["message"]
         box.drive_to(END_M, PATIENCE_S)
-        box.device.end_drive()
+        box.device.drive.end()
         box.finished(PATIENCE_S)
-        assert box.device.survey_map(survey)["state"] == "saved"
-        assert len(box.device.survey_map(survey)["landmarks"]) >= 2
+        assert box.device.drive.map(survey)["state"] == "saved"
+        assert len(box.device.drive.map(survey)["landmarks"]) >= 2
     finally:
         box.close()
     (path,) = recordings(tmp_path)
@@ -195,9 +195,9 @@ def test_a_cancelled_survey_leaves_no_recording(tmp_path: Path) -> None:
     box = crawler_rig.Bench(tmp_path, ())
     try:
         box.up()
-        box.device.start_drive()
+        box.device.drive.begin()
         box.drive_to(0.2)
-        box.device.cancel_drive()
+        box.device.drive.cancel()
         box.finished(PATIENCE_S)
     finally:
         box.close()

@@ -192,7 +192,7 @@ class Pacer:
         device = self.device
         if device is None:
             return False
-        if self.moment.now_s - self._turned_s > ASKED_EACH_S or device.drive()["state"] == "finishing":
+        if self.moment.now_s - self._turned_s > ASKED_EACH_S or device.drive.state()["state"] == "finishing":
             return True
         return any(tap.waiting for feed in device._crawler.feeds[:1] for tap in list(feed._taps))
 

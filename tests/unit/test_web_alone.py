@@ -38,9 +38,9 @@ def test_what_is_neither_on_nor_off_is_refused(client: FlaskClient, device: Fake
 
 
 def test_a_map_says_that_the_box_drove_by_itself_and_what_it_continues(client: FlaskClient, device: FakeDevice) -> None:
-    number = device.add_drive()
+    number = device.drive.add()
     assert "by itself" not in client.get(f"/surveys/{number}").text
-    device.survey_map(number)["settings"] = {"by_itself": True, "continues": 4}
+    device.drive.map(number)["settings"] = {"by_itself": True, "continues": 4}
     page = client.get(f"/surveys/{number}").text
     assert "The box drove this survey by itself" in page
     assert 'href="/surveys/4"' in page

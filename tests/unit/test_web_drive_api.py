@@ -96,7 +96,7 @@ def test_bad_bodies_are_refused_in_one_sentence(client: FlaskClient, path: str, 
 def test_the_cctv_picture(client: FlaskClient, device: FakeDevice, query: str) -> None:
     response = client.get(f"/api/v1/drive/picture.jpg{query}")
     assert (response.status_code, response.mimetype) == (200, "image/jpeg")
-    device.grabber["state"] = "lost"
+    device.drive.grabber["state"] = "lost"
     assert client.get(f"/api/v1/drive/picture.jpg{query}").status_code == 204
     assert error(client.get("/api/v1/drive/picture.jpg?overlay=perhaps"))[0] == 422
 
@@ -113,7 +113,7 @@ def test_the_encoder_is_set_zeroed_and_calibrated(client: FlaskClient) -> None:
 
 
 def test_what_is_said_of_a_landmark_is_kept_beside_what_was_measured(client: FlaskClient, device: FakeDevice) -> None:
-    number = device.add_drive()
+    number = device.drive.add()
     address = f"/surveys/{number}/landmarks/1"
     measured = client.get(f"/api/v1/surveys/{number}/map").get_json()["landmarks"][0]
     said = send(client, address, {"decision": "confirmed", "clock": 2.5, "class": "roots", "by": "Ada"}, "PATCH").get_json()
@@ -129,14 +129,14 @@ def test_what_is_said_of_a_landmark_is_kept_beside_what_was_measured(client: Fla
 
 
 def test_thumbnails(client: FlaskClient, device: FakeDevice) -> None:
-    number = device.add_drive()
+    number = device.drive.add()
     response = client.get(f"/api/v1/surveys/{number}/landmarks/1/thumbnail.jpg")
     assert (response.status_code, response.mimetype) == (200, "image/jpeg")
     assert error(client.get(f"/api/v1/surveys/{number}/landmarks/99/thumbnail.jpg"))[0] == 404
 
 
 def test_a_drive_is_deleted_and_restored_as_any_survey(client: FlaskClient, device: FakeDevice) -> None:
-    number = device.add_drive()
+    number = device.drive.add()
     assert send(client, f"/surveys/{number}", method="DELETE").status_code == 204
     assert error(client.get(f"/api/v1/surveys/{number}/map"))[0] == 404
     assert send(client, f"/surveys/{number}/restore").status_code == 204

@@ -51,7 +51,7 @@ def all_pages(device: FakeDevice) -> list[str]:
     numbers = [device.add_survey(None, pipe, "top", outcome) for outcome in ("accept", "retry", "second")]
     answers = {"image_good": False, "cloud_is_pipe": None, "fit_aligned": True, "verdict": "retry", "by": NASTY, "note": NASTY}
     device.answer(numbers[0], answers)
-    drive = device.add_drive(pipe, "interrupted")
+    drive = device.drive.add(pipe, "interrupted")
     return [
         "/",
         "/drive",
