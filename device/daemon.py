@@ -9,7 +9,6 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -260,7 +259,7 @@ class Device:
         return {
             "version": program_version(),
             "uptime_s": round(time.monotonic() - self._begun, 1),
-            "cameras": [_camera_json(feed) for feed in self._feeds],
+            "cameras": [feed.to_json() for feed in self._feeds],
             "survey": self._survey.state(),
             "storage": {"free_mb": self._free_mb(), "notice": self._store.notice},
             "recording": self._shelf.status(),
@@ -478,13 +477,6 @@ def _disk_policy(settings: Settings) -> DiskPolicy:
         findings_free=least * MB,
         most_raw=None if recording.most_mb is None else recording.most_mb * MB,
     )
-
-
-def _camera_json(feed: CameraFeed) -> dict[str, Any]:
-    status = asdict(feed.status())
-    age_s = status["age_s"]
-    rounded = {"age_s": None if age_s is None else round(age_s, 2), "fps": round(status["fps"], 1)}
-    return {"name": feed.name, "kind": feed.kind, **status, **rounded}
 
 
 def _lock(folder: Path) -> IO[str]:

@@ -11,8 +11,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Generic
+from dataclasses import asdict, dataclass
+from typing import Any, Generic
 
 from device.reader import FeedState, FeedTiming, Reader
 from device.samples import DEPTH, STEREO, TETHER, VIDEO, S, Sampling, Source
@@ -158,6 +158,12 @@ class Feed(Generic[S]):
             bad_frames=self._bad,
             message=message,
         )
+
+    def to_json(self) -> dict[str, Any]:
+        """Its name, its kind and its state of this moment, as the page reads them."""
+        status = self.status()
+        age_s = None if status.age_s is None else round(status.age_s, 2)
+        return {"name": self.name, "kind": self.kind, **asdict(status), "age_s": age_s, "fps": round(status.fps, 1)}
 
     # What the reader reports (reader.Sink). One that was left behind may still come back from its call: nobody listens.
 

@@ -18,7 +18,6 @@ from device.store import Store
 from device.surveys.anomaly import AnomalySurvey, reference_jpeg
 from device.surveys.anomaly_live import AnomalyLive, PairWorker
 from device.surveys.anomaly_views import map_json, unpacked, wall_png
-from device.surveys.landmarks import feed_json
 
 _JSON = dict[str, Any]
 NO_CAMERA = "This box has no stereo camera: name one in its settings."
@@ -98,7 +97,7 @@ class AnomalyDesk:
             "available": self._eye is not None,
             **survey,
             "pairs": self._settings.pairs,
-            "camera": None if self._eye is None else feed_json(self._eye.feed),
+            "camera": None if self._eye is None else self._eye.feed.to_json(),
             "live": None if self._live is None else self._live.newest(),
             "chainage_m": None if tether is None else tether["metres"],
         }

@@ -9,31 +9,22 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass, field
 from typing import Any
 
 from device.bus import Bus
 from device.errors import Busy, DeviceError, Invalid, NotFound, StorageFull
-from device.feed import Feed
 from device.landmarks.crawler import Crawler
 from device.landmarks.heatmaps import Heatmaps
 from device.landmarks.overlay import draw
 from device.notify import Turns
 from device.pictures import PictureCache, encode_jpeg
-from device.prompts import PROMPTS
 from device.recorder import Shelf
 from device.store import Kept, KeptLandmark, Store
-from device.store.drives import with_words
-from device.surveys.drive_faults import FaultWatch
-from device.surveys.drive_findings import DriveFindings, filtered_rows, findings, next_number, numbered_rows
+from device.surveys.drive import Drive
+from device.surveys.drive_findings import DriveFindings
 from device.surveys.drive_log import DriveLog, head
-from device.surveys.landmark_json import marked_json
-from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup, Step
-from device.surveys.landmark_smoothing import Mapped
+from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup
 from device.surveys.placing import Placing
-from device.tap import Tap
-from drivers.encoder.base import Reading
-from drivers.grabber.base import VideoFrame
 
 log = logging.getLogger(__name__)
 
@@ -48,42 +39,6 @@ _READINGS_WAITING = 4096
 _UNEXPECTED = "The drive failed inside the box; its log says why. What was mapped is kept."
 
 
-@dataclass
-class _Drive:
-    """One drive under way. ``numbers`` are those that the operator knows the mapper's landmarks by."""
-
-    survey_id: int
-    pipe_id: int | None
-    direction: str
-    radius_m: float | None
-    pipeline: LandmarkPipeline
-    placing: Placing
-    faults: FaultWatch
-    log: DriveLog
-    begun: float
-    state: str = "driving"
-    progress: float | None = None
-    length_m: float | None = None
-    ending: threading.Event = field(default_factory=threading.Event)
-    cancelled: bool = False
-    dropped: int = 0
-    numbers: dict[int, int] = field(default_factory=dict)
-    marks: dict[int, tuple[float, dict[str, Any]]] = field(default_factory=dict)
-    """Marked by hand, by number: the moment (on the frames' clock) and the landmark."""
-    words: dict[int, list[dict[str, Any]]] = field(default_factory=dict)
-    kept: dict[int, dict[str, Any]] = field(default_factory=dict)
-    pictured: dict[int, int] = field(default_factory=dict)
-    """The frame of the thumbnail that is stored, by number."""
-    told: dict[int, dict[str, Any]] = field(default_factory=dict)
-    full: bool = False
-    shown: tuple[VideoFrame, Step] | None = None
-
-    @property
-    def now_s(self) -> float:
-        """Seconds since the drive began."""
-        return time.monotonic() - self.begun
-
-
 class LandmarkSurvey:
     """One drive at a time."""
 
@@ -96,7 +51,7 @@ class LandmarkSurvey:
         self._crawler = crawler
         self._lock = threading.RLock()
         """Held while a frame is mapped: whoever else looks into the drive waits some milliseconds."""
-        self._drive: _Drive | None = None
+        self._drive: Drive | None = None
         self._thread: threading.Thread | None = None
         self._pictures = PictureCache()
         self._heatmaps = Heatmaps()
@@ -132,7 +87,7 @@ class LandmarkSurvey:
             "frames": 0,
             "dropped": 0,
             "fps": 0.0 if grabber is None else round(grabber.status().fps, 1),
-            "grabber": None if grabber is None else feed_json(grabber),
+            "grabber": None if grabber is None else grabber.to_json(),
             "encoder": encoder,
             "prompts": [],
             "counts": {"candidate": 0, "confirmed": 0, "passed": 0},
@@ -141,24 +96,7 @@ class LandmarkSurvey:
         if drive is None:
             return common
         with self._lock:
-            where = drive.placing.now()
-            statuses = [row["status"] for row in self._rows(drive)]
-            return {
-                **common,
-                "state": drive.state,
-                "survey_id": drive.survey_id,
-                "pipe_id": drive.pipe_id,
-                "direction": drive.direction,
-                "chainage_m": None if where is None else round(where.chainage, 3),
-                "sigma_m": None if where is None else round(where.std, 3),
-                "speed_mps": None if where is None else round(where.speed, 3),
-                "seconds": round(drive.now_s, 1),
-                "frames": drive.pipeline.frames,
-                "dropped": drive.dropped,
-                "prompts": [PROMPTS[code].to_json() for code in self._codes(drive)],
-                "counts": {status: statuses.count(status) for status in common["counts"]},
-                "progress": drive.progress,
-            }
+            return {**common, **drive.to_json()}
 
     def encoder(self) -> dict[str, Any]:
         """The tether with its calibration. Raises Invalid where there is none."""
@@ -209,8 +147,7 @@ class LandmarkSurvey:
             drive_log = DriveLog(self._shelf.begin(number, head(setup, calibration, detector, number, settings)))
             placing = Placing(calibration, reader, drive_log.reading)
             pipeline = LandmarkPipeline(setup, detector, seed=number)
-            now = time.monotonic()
-            self._drive = _Drive(number, pipe_id, direction, radius_m, pipeline, placing, FaultWatch(), drive_log, now)
+            self._drive = Drive(number, pipe_id, direction, crawler, pipeline, placing, drive_log, time.monotonic())
             self._thread = threading.Thread(target=self._run, args=(self._drive,), name=f"drive {number}", daemon=True)
             self._thread.start()
         log.info("drive %d: begins, %s", number, direction)
@@ -246,12 +183,9 @@ class LandmarkSurvey:
             where = drive.placing.now()
             if where is None:
                 raise Invalid("Nobody knows where the crawler is: the tether encoder is silent.")
-            number = next_number(drive.numbers, drive.marks)
-            row = marked_json(number, label, where.chainage, where.std, clock)
+            number, row = drive.new_mark(label, clock, where)
             self._store.drives.keep(drive.survey_id, Kept(landmarks=[KeptLandmark(number, row)]))
-            drive.marks[number] = (where.time_s, row)
-            drive.log.marked(number, where.time_s, row)
-            drive.kept[number] = row
+            drive.marked(number, where.time_s, row)
         if note:
             return self.say(drive.survey_id, number, {"note": note}, "")
         return self._store.drives.landmark(drive.survey_id, number)
@@ -263,7 +197,7 @@ class LandmarkSurvey:
             if drive is None or drive.survey_id != survey_id:
                 return self._store.drives.say(survey_id, number, said, by)
             if number not in drive.kept:  # a candidate: what somebody speaks of is kept, whatever becomes of it
-                row = next((row for row in self._rows(drive) if row["id"] == number), None)
+                row = next((row for row in drive.rows() if row["id"] == number), None)
                 if row is None:
                     raise NotFound(f"Survey {survey_id} has no landmark number {number}.")
                 self._store.drives.keep(survey_id, Kept(landmarks=[KeptLandmark(number, row)]))
@@ -322,7 +256,7 @@ class LandmarkSurvey:
 
     # The drive's own thread
 
-    def _run(self, drive: _Drive) -> None:
+    def _run(self, drive: Drive) -> None:
         message = ""
         found: DriveFindings | None = None
         try:
@@ -333,7 +267,8 @@ class LandmarkSurvey:
                 message = "The drive was cancelled."
             elif drive.state == "closing":
                 self._keep(drive, "interrupted")
-                found = self._findings(drive, "interrupted", None)
+                with self._lock:
+                    found = drive.findings("interrupted", None)
             else:
                 found = self._finish(drive)
         except DeviceError as error:
@@ -347,9 +282,9 @@ class LandmarkSurvey:
         with self._lock:
             self._drive = None
         log.info("drive %d: over%s", drive.survey_id, f", {message}" if message else "")
-        self._bus.publish("drive", {**self.state(), "landmarks": [], "gone": [], "faults": [], "message": message})
+        self._publish(message=message)
 
-    def _go(self, drive: _Drive) -> None:
+    def _go(self, drive: Drive) -> None:
         grabber, tether = self._crawler.grabber, self._crawler.tether
         assert grabber is not None  # start() saw to it
         frames = drive.log.frames(grabber, _FRAMES_WAITING)
@@ -362,11 +297,12 @@ class LandmarkSurvey:
                 turn()
                 frame = frames.get(0.05)
                 with self._lock:
-                    self._take_readings(drive, readings)
+                    while readings is not None and (reading := readings.get(0.0)) is not None:
+                        drive.placing.add(reading)
                     if frame is not None:
-                        self._take_frame(drive, frame)
+                        drive.take(frame)
                     drive.dropped = grabber.status().drops - dropped_before
-                    self._watch(drive)
+                    drive.watch()
                 now = time.monotonic()
                 if now >= keep_due:
                     keep_due = now + KEEP_S
@@ -380,69 +316,16 @@ class LandmarkSurvey:
             if readings is not None:
                 readings.close()
 
-    def _take_readings(self, drive: _Drive, readings: Tap[Reading] | None) -> None:
-        while readings is not None and (reading := readings.get(0.0)) is not None:
-            drive.placing.add(reading)
-
-    def _take_frame(self, drive: _Drive, frame: VideoFrame) -> None:
-        drive.placing.see(frame)
-        if drive.state == "paused":
-            drive.pipeline.paused()
-            drive.log.step(frame, 0, None)
-            return
-        position, readings = drive.placing.find(frame.time_s)
-        step = drive.pipeline.step(frame, position)
-        drive.log.step(frame, readings, step)
-        drive.shown = (frame, step)
-
-    def _watch(self, drive: _Drive) -> None:
-        grabber, tether = self._crawler.grabber, self._crawler.tether
-        where = drive.placing.now()
-        chainage = None if where is None else where.chainage
-        drive.faults.now(drive.now_s, chainage)
-        if grabber is not None:
-            drive.faults.feed("grabber", grabber.status())
-        if tether is not None:
-            drive.faults.feed("encoder", tether.feed.status())
-        drive.faults.jumps(drive.placing.jumps)
-        drive.faults.codes(self._codes(drive))
-
-    def _codes(self, drive: _Drive) -> list[str]:
-        """What the operator is told just now, the weightiest first."""
-        grabber = self._crawler.grabber
-        codes: list[str] = []
-        if drive.full:
-            codes.append("storage_full")
-        if drive.log.recorder.lost:
-            codes.append("not_recorded")
-        if grabber is not None and grabber.status().state != "up":
-            codes.append("signal_lost")
-        if drive.placing.silent(time.monotonic()):
-            codes.append("no_distance" if self._crawler.tether is None else "encoder_lost")
-        if drive.state == "driving" and drive.shown is not None and "signal_lost" not in codes:
-            codes += [code for code in drive.shown[1].prompts if code in PROMPTS]
-        return codes
-
-    def _rows(self, drive: _Drive) -> list[dict[str, Any]]:
-        """Every landmark of this moment, candidates too, each under its number."""
-        rows = numbered_rows(drive.pipeline, drive.numbers, drive.marks)
-        drive.log.numbered(drive.numbers)
-        return rows
-
-    def _tell(self, drive: _Drive) -> None:
+    def _tell(self, drive: Drive) -> None:
         with self._lock:
-            rows = {
-                row["id"]: with_words({**row, "thumbnail": row["id"] in drive.pictured}, drive.words.get(row["id"], []))
-                for row in self._rows(drive)
-            }
-            changed = [row for number, row in rows.items() if drive.told.get(number) != row]
-            gone = [number for number in drive.told if number not in rows]
-            drive.told = rows
-            faults = drive.faults.untold()
-            drive.log.prompts([PROMPTS[code].to_json() for code in self._codes(drive)])
-        self._bus.publish("drive", {**self.state(), "landmarks": changed, "gone": gone, "faults": faults})
+            news = drive.news()
+        self._publish(**news)
 
-    def _keep_if_possible(self, drive: _Drive) -> None:
+    def _publish(self, **more: Any) -> None:
+        """The state with what is new of the map."""
+        self._bus.publish("drive", {**self.state(), "landmarks": [], "gone": [], "faults": [], **more})
+
+    def _keep_if_possible(self, drive: Drive) -> None:
         try:
             self._keep(drive)
             drive.full = False
@@ -451,48 +334,15 @@ class LandmarkSurvey:
                 log.error("drive %d: %s", drive.survey_id, error)
             drive.full = True
 
-    def _keep(self, drive: _Drive, state: str | None = None) -> None:
+    def _keep(self, drive: Drive, state: str | None = None) -> None:
         """Make durable what has come since the last time. Raises StorageFull, and then nothing counts as kept."""
         with self._lock:
-            rows = filtered_rows(drive.pipeline, drive.numbers, drive.marks)
-            drive.log.numbered(drive.numbers)
-            pictures = {
-                number: (key, data)
-                for key_id, number in drive.numbers.items()
-                if number in rows and (thumbnail := drive.pipeline.thumbnail(key_id)) is not None
-                for key, data in [thumbnail]
-                if drive.pictured.get(number) != key
-            }
-            changed = [number for number, row in rows.items() if drive.kept.get(number) != row or number in pictures]
-            gone = [number for number in drive.kept if number not in rows and number not in drive.words]
-            faults, entries = drive.faults.unkept(), drive.pipeline.log_entries()
-            summary = self._summary(drive, rows)
-            rings = drive.pipeline.joints()
-        landmarks = [
-            KeptLandmark(number, rows[number], pictures[number][1]() if number in pictures else None) for number in changed
-        ]
-        self._store.drives.keep(drive.survey_id, Kept(landmarks, gone, rings, faults, entries, summary), state)
+            unkept = drive.unkept()
+        self._store.drives.keep(drive.survey_id, unkept.for_store(), state)
         with self._lock:
-            drive.kept = {number: row for number, row in drive.kept.items() if number not in gone} | rows
-            drive.pictured |= {number: key for number, (key, _) in pictures.items()}
-            drive.faults.were_kept(len(faults))
-            drive.pipeline.log_was_kept(len(entries))
+            drive.were_kept(unkept)
 
-    def _summary(self, drive: _Drive, rows: dict[int, dict[str, Any]]) -> dict[str, Any]:
-        from_m, to_m = drive.pipeline.span()
-        return {
-            "from_m": from_m,
-            "to_m": to_m,
-            "frames": drive.pipeline.frames,
-            "dropped": drive.dropped,
-            "seconds": round(drive.now_s, 1),
-            "landmarks": len(rows),
-            "focal_radius": drive.pipeline.focal_radius(),
-            "smoothed": False,
-            "length_m": drive.length_m,
-        }
-
-    def _finish(self, drive: _Drive) -> DriveFindings | None:
+    def _finish(self, drive: Drive) -> DriveFindings | None:
         """What the filter has found is made durable first; smoothing can then only add."""
         with self._lock:  # the page goes on asking for what the mapper now drops
             drive.pipeline.close()
@@ -502,7 +352,7 @@ class LandmarkSurvey:
 
         def progress(share: float) -> None:
             drive.progress = share
-            self._bus.publish("drive", {**self.state(), "landmarks": [], "gone": [], "faults": []})
+            self._publish()
 
         progress(0.1)
         smoothed = drive.pipeline.smooth(length=drive.length_m)
@@ -510,28 +360,24 @@ class LandmarkSurvey:
         if drive.cancelled:
             self._store.drives.forget(drive.survey_id)
             return None
-        found = self._findings(drive, "saved", smoothed)
+        with self._lock:
+            found = drive.findings("saved", smoothed)
         if smoothed is None:
             self._store.drives.keep(drive.survey_id, Kept(), "saved")
             return found
         landmarks = [KeptLandmark(number, row) for number, row in found.rows.items()]
-        summary = {**self._summary(drive, drive.kept), **found.summary, "landmarks": len(found.rows)}
-        gone = [number for number in drive.kept if number not in found.rows and number not in drive.words]
+        summary = {**drive.summary(len(found.rows)), **found.summary}
+        gone = drive.missing_in(found.rows)
         self._store.drives.keep(drive.survey_id, Kept(landmarks, gone, found.rings, found.slips, (), summary), "saved")
         return found
 
-    def _findings(self, drive: _Drive, state: str, smoothed: Mapped | None) -> DriveFindings:
-        with self._lock:
-            filtered = filtered_rows(drive.pipeline, drive.numbers, drive.marks)
-            return findings(drive.pipeline, state, filtered, drive.numbers, drive.marks, smoothed)
-
-    def _save_what_is_there(self, drive: _Drive) -> None:
+    def _save_what_is_there(self, drive: Drive) -> None:
         try:
             self._keep(drive, "interrupted")
         except Exception:  # noqa: BLE001 - it may be the very thing that failed
             log.warning("drive %d: its last second could not be stored", drive.survey_id)
 
-    def _going(self) -> _Drive:
+    def _going(self) -> Drive:
         drive = self._drive
         if drive is None or drive.ending.is_set():
             raise Invalid("No drive is under way.")
@@ -539,20 +385,4 @@ class LandmarkSurvey:
 
     def _encoder_json(self) -> dict[str, Any] | None:
         tether = self._crawler.tether
-        return None if tether is None else {**feed_json(tether.feed), **tether.state()}
-
-
-def feed_json(feed: Feed[Any]) -> dict[str, Any]:
-    """A feed as the page reads it."""
-    status = feed.status()
-    return {
-        "name": feed.name,
-        "kind": feed.kind,
-        "state": status.state,
-        "age_s": None if status.age_s is None else round(status.age_s, 2),
-        "message": status.message,
-        "fps": round(status.fps, 1),
-        "frames": status.frames,
-        "drops": status.drops,
-        "reconnects": status.reconnects,
-    }
+        return None if tether is None else {**tether.feed.to_json(), **tether.state()}

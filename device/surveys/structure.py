@@ -22,7 +22,6 @@ from device.recorder.versions import versions
 from device.store import Store
 from device.structure.rig import ChamberRig
 from device.surveys.in_order import Event, InOrder
-from device.surveys.landmarks import feed_json
 from device.surveys.structure_course import Course, CourseSetup, verdict
 from device.surveys.topics import CHAMBER, ENDED, FINDINGS, PROMPTED
 from drivers.navigation.scans import Scan
@@ -91,8 +90,8 @@ class StructureSurvey:
     def state(self) -> dict[str, Any]:
         """The survey and its sensors at this moment, see ``web_ui.openapi``. Never waits for a scan that is being mapped."""
         rig, survey = self._rig, self._survey
-        scanner = [] if rig.scanner is None else [{"role": "scanner", **feed_json(rig.scanner)}]
-        sensors = [*scanner, *({"role": role, **feed_json(feed)} for role, feed in rig.navigation.items())]
+        scanner = [] if rig.scanner is None else [{"role": "scanner", **rig.scanner.to_json()}]
+        sensors = [*scanner, *({"role": role, **feed.to_json()} for role, feed in rig.navigation.items())]
         common: dict[str, Any] = {
             "available": self.available,
             "state": "idle",
