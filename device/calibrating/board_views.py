@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from device.errors import Invalid
 from device.surveys.anomaly_result import grey
-from drivers.base import BadFrame, FrameTimeout, SensorLost
-from drivers.stereo.replay import MANIFEST
+from drivers.base import BadFrame, FrameTimeout, RecordingBroken, SensorLost
+from drivers.picture_folder import MANIFEST, read_manifest, read_picture
 from drivers.stereo.two_cameras import GrabberPair
 from estimators.board.board import Board, Sighting, as_seen_by_both
 from estimators.board.calibration import View
@@ -119,10 +119,11 @@ def pairs_of(folder: Path) -> list[tuple[Path, Path]]:
 
 def _named(folder: Path) -> Iterator[tuple[Path, Path]]:
     try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        for pair in found["pairs"]:
+        for pair in read_manifest(folder)["pairs"]:
             yield folder / str(pair["left"]), folder / str(pair["right"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except RecordingBroken as error:
+        raise Invalid(str(error)) from error
+    except (KeyError, TypeError) as error:
         raise Invalid(f"{folder / MANIFEST} names no pairs that can be read: {error}.") from error
 
 
@@ -187,13 +188,9 @@ def _progress(gathering: Gathering) -> str:
 
 def _read(path: Path) -> Picture:
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    except (OSError, cv2.error) as error:
-        raise Invalid(f"The picture {path} cannot be read: {error}.") from error
-    if image is None:
-        raise Invalid(f"{path} is no picture that can be read.")
-    return np.asarray(image, dtype=np.uint8)
+        return np.asarray(read_picture(path, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+    except RecordingBroken as error:
+        raise Invalid(str(error)) from error
 
 
 def _sizes(sizes: set[tuple[int, int]]) -> str:

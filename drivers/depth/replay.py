@@ -8,15 +8,14 @@ for ``depth``.
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, TypeGuard
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,11 +25,11 @@ from drivers.base import EndOfRecording, FrameTimeout, RecordingBroken, SensorLo
 from drivers.depth.base import DepthCamera, DepthFrame, DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera
 from drivers.library import library
+from drivers.picture_folder import MANIFEST, is_number, read_manifest, read_picture, stays_inside
 from estimators.pinhole import Intrinsics
 
 log = logging.getLogger(__name__)
 
-MANIFEST = "manifest.json"
 PLAYBACK_SUFFIXES = (".db3", ".bag")
 
 
@@ -46,15 +45,7 @@ class ManifestEntry:
 
 def manifest_entries(folder: Path) -> list[ManifestEntry]:
     """Every depth picture of the manifest, in its order. Raises RecordingBroken; the pictures themselves are not opened yet."""
-    path = folder / MANIFEST
-    if not folder.is_dir():
-        raise RecordingBroken(f"There is no folder {folder}.")
-    if not path.is_file():
-        raise RecordingBroken(f"The folder {folder} has no {MANIFEST}.")
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:  # ValueError: not JSON, or not UTF-8
-        raise RecordingBroken(f"{path} cannot be read: {error}.") from error
+    path, found = folder / MANIFEST, read_manifest(folder)
     if not isinstance(found, list):
         raise RecordingBroken(f"{path} is not a list of depth pictures.")
     if not found:
@@ -73,9 +64,7 @@ def manifest_recordings(folder: Path) -> dict[str, list[ManifestEntry]]:
 def read_entry(folder: Path, entry: ManifestEntry, number: int = 0) -> DepthFrame:
     """The depth picture of one entry, with its colour picture where there is one. Raises RecordingBroken."""
     path = folder / entry.depth
-    picture = _picture(path, cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        raise RecordingBroken(f"{path} is {'not a picture that can be read' if path.is_file() else 'missing'}.")
+    picture = read_picture(path, cv2.IMREAD_UNCHANGED)
     if picture.dtype != np.uint16 or picture.ndim != 2:
         channels = 1 if picture.ndim == 2 else picture.shape[2]
         raise RecordingBroken(
@@ -186,13 +175,13 @@ def _entry(item: Any, where: str) -> ManifestEntry:
     depth = item.get("depth")
     if not isinstance(depth, str) or not depth:
         raise RecordingBroken(f"{where} names no depth picture.")
-    if not _stays_inside(depth):
+    if not stays_inside(depth):
         raise RecordingBroken(f"{where} names a depth picture outside its folder: {depth}.")
     recording = item.get("recording", str(PurePosixPath(depth).parent))
     if not isinstance(recording, str):
         raise RecordingBroken(f"{where} has a recording whose name is not text.")
     unit = item.get("depth_unit_m")
-    if not _is_number(unit) or not 0 < unit < 1:
+    if not is_number(unit) or not 0 < unit < 1:
         raise RecordingBroken(f"{where} has no sound depth unit (metres a unit): {unit}.")
     return ManifestEntry(depth, recording, float(unit), _intrinsics(item.get("intrinsics"), where))
 
@@ -204,10 +193,10 @@ def _intrinsics(found: Any, where: str) -> Intrinsics:
         if not isinstance(found.get(field), int) or isinstance(found.get(field), bool):
             raise RecordingBroken(f"{where} has intrinsics without a whole {field}.")
     for field in ("fx", "fy", "ppx", "ppy"):
-        if not _is_number(found.get(field)):
+        if not is_number(found.get(field)):
             raise RecordingBroken(f"{where} has intrinsics without a number for {field}.")
     coeffs, model = found.get("coeffs", []), found.get("model", "none")
-    if not isinstance(coeffs, list) or len(coeffs) > 5 or not all(_is_number(value) for value in coeffs):
+    if not isinstance(coeffs, list) or len(coeffs) > 5 or not all(is_number(value) for value in coeffs):
         raise RecordingBroken(f"{where} has distortion coefficients that are not up to five numbers.")
     if not isinstance(model, str):
         raise RecordingBroken(f"{where} has a distortion model whose name is not text.")
@@ -219,31 +208,6 @@ def _intrinsics(found: Any, where: str) -> Intrinsics:
         raise RecordingBroken(f"{where} has impossible intrinsics: {error}.") from error
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
-    if isinstance(value, bool):
-        return False
-    if isinstance(value, int):
-        return abs(value) < 1e300  # JSON writes whole numbers of any length, and a float does not hold them all
-    return isinstance(value, float) and math.isfinite(value)
-
-
-def _stays_inside(path: str) -> bool:
-    """True where a path of the manifest cannot lead out of the folder. Links in the folder are its owner's own doing."""
-    if "\0" in path:
-        return False
-    return all(not kind(path).anchor and ".." not in kind(path).parts for kind in (PurePosixPath, PureWindowsPath))
-
-
-def _picture(path: Path, flags: int) -> NDArray[Any] | None:
-    """A picture, or None where there is none or it cannot be decoded. Never a warning on stderr, unlike cv2.imread."""
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-        return cv2.imdecode(data, flags) if data.size else None
-    except (OSError, cv2.error) as error:
-        log.debug("%s cannot be read: %s", path, error)
-        return None
-
-
 def _color_beside(depth: Path) -> NDArray[np.uint8] | None:
     """The colour picture (h, w, 3) BGR of a depth picture, or None. A broken one is no reason to lose the depth."""
     if not depth.name.startswith("depth"):
@@ -251,8 +215,8 @@ def _color_beside(depth: Path) -> NDArray[np.uint8] | None:
     path = depth.with_name("color" + depth.name.removeprefix("depth"))
     if not path.is_file():
         return None
-    picture = _picture(path, cv2.IMREAD_COLOR)
-    if picture is None:
-        log.warning("%s cannot be read and is left out", path)
+    try:
+        return np.asarray(read_picture(path), dtype=np.uint8)
+    except RecordingBroken as error:
+        log.warning("a colour picture is left out: %s", error)
         return None
-    return np.asarray(picture, dtype=np.uint8)

@@ -8,12 +8,11 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.base import EndOfRecording, RecordingBroken, SensorLost
 from drivers.grabber.base import FrameGrabber, VideoFrame
+from drivers.picture_folder import read_picture
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 _MILLISECONDS = re.compile(r"\d{1,12}(\.\d{1,6})?", re.ASCII)
@@ -68,22 +67,10 @@ class StillsFolder(FrameGrabber):
             media_s, path = self._stills[self._next]
             self._next += 1  # before it is read: a broken picture is reported once and then left behind
             number = self._next
-        image = _picture(path)
-        if image is None:
-            raise RecordingBroken(f"{path} is not a picture that can be read.")
+        image = np.asarray(read_picture(path), dtype=np.uint8)
         return VideoFrame(image, time.monotonic_ns(), number, media_s, source=path.name)
 
     def close(self) -> None:
         """Stop. Never raises, may be called twice."""
         with self._lock:
             self._stills = None
-
-
-def _picture(path: Path) -> NDArray[np.uint8] | None:
-    """A picture (h, w, 3) BGR, or None. Never a warning on stderr, unlike cv2.imread."""
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except (OSError, cv2.error):
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)

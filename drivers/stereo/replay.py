@@ -9,24 +9,18 @@ asked for, and a calibration of those lenses must be given. Nothing else is read
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.base import EndOfRecording, FrameTimeout, RecordingBroken, SensorLost
+from drivers.picture_folder import MANIFEST, is_number, read_manifest, read_picture, stays_inside
 from drivers.stereo.base import StereoCamera, StereoFrame
 from drivers.stereo.rectifier import Calibrated, Rectifier
 from estimators.pinhole import Intrinsics
-
-MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -56,15 +50,7 @@ class PairFolder:
 def pair_folder(folder: Path, calibrated: Calibrated | None = None) -> PairFolder:
     """Read the manifest; ``calibrated`` are the lenses of pictures that are not rectified. Raises RecordingBroken; the pictures
     themselves are not opened yet."""
-    path = folder / MANIFEST
-    if not folder.is_dir():
-        raise RecordingBroken(f"There is no folder {folder}.")
-    if not path.is_file():
-        raise RecordingBroken(f"The folder {folder} has no {MANIFEST}.")
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:  # ValueError: not JSON, or not UTF-8
-        raise RecordingBroken(f"{path} cannot be read: {error}.") from error
+    path, found = folder / MANIFEST, read_manifest(folder)
     if not isinstance(found, Mapping) or not isinstance(found.get("pairs"), list):
         raise RecordingBroken(f"{path} has no list of pairs.")
     if not found["pairs"]:
@@ -78,10 +64,10 @@ def pair_folder(folder: Path, calibrated: Calibrated | None = None) -> PairFolde
     focal = _number(found, "focal_px", path)
     baseline = _number(found, "baseline_mm", path) / 1000.0
     centre = found.get("principal_px", [(width - 1) / 2, (height - 1) / 2])
-    if not (isinstance(centre, list) and len(centre) == 2 and all(_is_number(value) for value in centre)):
+    if not (isinstance(centre, list) and len(centre) == 2 and all(is_number(value) for value in centre)):
         raise RecordingBroken(f"{path} has a principal_px that is not two numbers.")
     offset = found.get("disparity_offset_px")
-    if offset is not None and not _is_number(offset):
+    if offset is not None and not is_number(offset):
         raise RecordingBroken(f"{path} has a disparity_offset_px that is not a number.")
     intrinsics = Intrinsics(width, height, focal, focal, float(centre[0]), float(centre[1]))
     offset_std, scale_std = (_std(found, field, path) for field in ("disparity_offset_std_px", "scale_std"))
@@ -91,7 +77,7 @@ def pair_folder(folder: Path, calibrated: Calibrated | None = None) -> PairFolde
 
 def read_pair(folder: PairFolder, entry: PairEntry, number: int = 0) -> StereoFrame:
     """The pictures of one pair, as the camera took them. Raises RecordingBroken."""
-    left, right = (_picture(folder.folder / path) for path in (entry.left, entry.right))
+    left, right = (read_picture(folder.folder / path) for path in (entry.left, entry.right))
     size = folder.intrinsics.height, folder.intrinsics.width
     for path, picture in ((entry.left, left), (entry.right, right)):
         if picture.shape[:2] != size:
@@ -189,39 +175,23 @@ def _entry(item: Any, where: str) -> PairEntry:
         path = item.get(side)
         if not isinstance(path, str) or not path:
             raise RecordingBroken(f"{where} names no {side} picture.")
-        if "\0" in path or any(kind(path).anchor or ".." in kind(path).parts for kind in (PurePosixPath, PureWindowsPath)):
+        if not stays_inside(path):
             raise RecordingBroken(f"{where} names a picture outside its folder: {path}.")
     return PairEntry(item["left"], item["right"], str(item.get("pipe", "")), str(item.get("end", "")))
 
 
-def _picture(path: Path) -> NDArray[np.uint8]:
-    """A picture (h, w, 3) BGR. Never a warning on stderr, unlike cv2.imread."""
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except (OSError, cv2.error) as error:
-        raise RecordingBroken(f"{path} cannot be read: {error}.") from error
-    if image is None:
-        raise RecordingBroken(f"{path} is not a picture that can be read.")
-    return np.asarray(image, dtype=np.uint8)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
 def _number(found: Mapping[str, Any], field: str, path: Path) -> float:
     value = found.get(field)
-    if not _is_number(value) or not 0 < float(str(value)) < 1e6:
+    if not is_number(value) or not 0 < float(value) < 1e6:
         raise RecordingBroken(f"{path} has no sound {field}: {value}.")
-    return float(str(value))
+    return float(value)
 
 
 def _std(found: Mapping[str, Any], field: str, path: Path) -> float:
     value = found.get(field, 0.0)
-    if not _is_number(value) or float(str(value)) < 0:
+    if not is_number(value) or float(value) < 0:
         raise RecordingBroken(f"{path} has no sound {field}: {value}.")
-    return float(str(value))
+    return float(value)
 
 
 def _whole(found: Mapping[str, Any], field: str, path: Path) -> int:

@@ -60,9 +60,11 @@ def test_what_the_manifest_knows_more_is_used(tmp_path: Path) -> None:
         ({"width": 32.5}, "no sound width"),
         ({"height": True}, "no sound height"),
         ({"focal_px": -1}, "no sound focal_px"),
+        ({"focal_px": 10**400}, "no sound focal_px"),  # JSON may; a float does not hold it
         ({"baseline_mm": "29"}, "no sound baseline_mm"),
         ({"principal_px": [1]}, "principal_px"),
         ({"disparity_offset_px": "x"}, "disparity_offset_px"),
+        ({"disparity_offset_px": 10**400}, "disparity_offset_px"),
         ({"disparity_offset_px": 3, "scale_std": -1}, "no sound scale_std"),
     ],
 )
