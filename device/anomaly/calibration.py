@@ -14,7 +14,7 @@ from device.errors import Invalid
 from drivers.stereo.base import StereoFrame
 from drivers.stereo.rectifier import Calibrated
 from estimators.board.calibration import PairCalibration
-from estimators.pinhole import Intrinsics, LensPair
+from estimators.pinhole import Intrinsics, LensPair, rectified
 from estimators.stereo.known_pipe import KnownPipe
 from estimators.stereo.rig import StereoRig
 
@@ -22,7 +22,7 @@ from estimators.stereo.rig import StereoRig
 class KnownPipeCalibration(BaseModel):
     """Offset and scale from a pipe of known diameter. Pixels are those of pictures ``width`` wide."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     kind: str = Field(default="known_pipe", pattern="^known_pipe$")
     width: int = Field(gt=0)
@@ -38,7 +38,7 @@ class KnownPipeCalibration(BaseModel):
 class Lens(BaseModel):
     """One camera as it throws its pictures, in pixels; ``coeffs`` are k1, k2, p1, p2, k3 as in OpenCV."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     fx: float = Field(gt=0)
     fy: float = Field(gt=0)
@@ -50,7 +50,7 @@ class Lens(BaseModel):
 class BoardCalibration(BaseModel):
     """Two plain cameras, from views of a board. A point is p_right = ``rotation`` p_left + ``translation_m``."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     kind: Literal["board"] = "board"
     width: int = Field(gt=0)
@@ -68,7 +68,7 @@ class BoardCalibration(BaseModel):
 
     @model_validator(mode="after")
     def _a_pair(self) -> BoardCalibration:
-        self.lenses()  # raises ValueError for cameras that are no pair
+        rectified(self.lenses())  # raises ValueError for cameras that are no pair, or no lenses at all
         return self
 
     def lenses(self) -> LensPair:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from device.errors import Invalid
+from drivers.picture_folder import is_number
 from estimators.landmarks.from_detections import Rig, Rows
 
 COLUMNS = ("frame", "time_s", "chainage_m", "u", "v", "class", "score")
@@ -63,7 +64,7 @@ def read_rig(path: Path) -> Rig:
         raise Invalid(f"The rig {path} lacks {_list(missing)}.")
     for name in RIG_FIELDS:
         value = found[name]
-        good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        good = is_number(value)
         if not good or (value <= 0 and name not in ("cx", "cy")):
             raise Invalid(
                 f"The {name} of the rig {path} must be a {'' if name in ('cx', 'cy') else 'positive '}number, not {value!r}."

@@ -163,6 +163,7 @@ def test_a_bad_table_is_refused(
         (json.dumps({**RIG, "width": True}), "width of the rig"),
         (json.dumps({**RIG, "radius_m": 150}), "no pipe is that wide"),
         ('{"fx": NaN, "fy": 1, "cx": 1, "cy": 1, "radius_m": 1, "width": 1, "height": 1}', "fx of the rig"),
+        (json.dumps({**RIG, "cy": 10**400}), "cy of the rig"),  # JSON may; a float does not hold it
     ],
 )
 def test_a_bad_rig_is_refused(capsys: pytest.CaptureFixture[str], table: tuple[Path, Path], content: str, word: str) -> None:

@@ -76,6 +76,8 @@ def test_a_calibration_of_two_lenses_is_written_and_read_like_that_of_a_pipe(boa
         ({"translation_m": [0.06, 0.0, 0.0]}, "right of the left"),
         ({"width": 0}, "width"),
         ({"left": {**LENS, "coeffs": [0.0]}}, "left.coeffs"),
+        ({"left": {**LENS, "ppx": float("nan")}}, "left.ppx"),
+        ({"left": {**LENS, "coeffs": [0.0, 0.0, 0.0, 0.0, 1e18]}}, "file"),  # no picture can be rectified with it
         ({"more": 1}, "more"),
     ],
 )
