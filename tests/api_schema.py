@@ -15,7 +15,7 @@ from schemathesis.config import SchemathesisConfig
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 ENDLESS = "/api/v1/events"
-"""Its answer has no end; tests/unit/test_web_events.py reads it."""
+"""Its answer has no end; tests/unit/web/test_events.py reads it."""
 
 
 def operations(box: Flask | str) -> dict[str, Any]:

@@ -1,45 +1,13 @@
 """The JSON API over a fake device: every route, what it refuses, and in what words."""
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from flask.testing import FlaskClient
-from werkzeug.test import TestResponse
 
 from tests.browser.fake_device import FakeDevice
-from tests.pairing import paired_client
-from web_ui.app import create_app
-
-
-@pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice(seconds=0.2)
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
-def client(device: FakeDevice) -> FlaskClient:
-    return paired_client(create_app(device))  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
-
-
-def send(client: FlaskClient, path: str, body: Any = None, method: str = "POST") -> TestResponse:
-    return client.open(f"/api/v1{path}", method=method, json={} if body is None else body)
-
-
-def error(response: TestResponse) -> tuple[int, str, str]:
-    answer = response.get_json()
-    assert list(answer) == ["error"]
-    assert sorted(answer["error"]) == ["code", "message"]
-    return response.status_code, answer["error"]["code"], answer["error"]["message"]
-
-
-def pipe(client: FlaskClient, **fields: Any) -> int:
-    response = send(client, "/pipes", {"name": "P 1", **fields})
-    assert response.status_code == 201
-    return int(response.get_json()["id"])
+from tests.unit.web.asking import error, pipe, send
 
 
 def test_status_and_live_are_the_devices(client: FlaskClient, device: FakeDevice) -> None:

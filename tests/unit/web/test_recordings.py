@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,20 +9,7 @@ from flask.testing import FlaskClient
 
 from device.recorder.desk import GONE
 from tests.browser.fake_device import FakeDevice
-from tests.pairing import paired_client
 from web_ui.app import create_app
-
-
-@pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice(seconds=0.2)
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
-def client(device: FakeDevice) -> FlaskClient:
-    return paired_client(create_app(device))  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
 
 
 def test_the_page_links_to_the_files(device: FakeDevice, client: FlaskClient) -> None:

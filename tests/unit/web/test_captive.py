@@ -1,21 +1,16 @@
 """What phones find out about the hotspot: it is of use, there is no portal, and nothing of the box is told."""
 
-from collections.abc import Iterator
-
 import pytest
+from flask import Flask
 from flask.testing import FlaskClient
 
-from tests.browser.fake_device import FakeDevice
-from web_ui.app import create_app
 from web_ui.captive import NO_CONTENT, PROBES
 
 
 @pytest.fixture
-def phone() -> Iterator[FlaskClient]:
+def phone(app: Flask) -> FlaskClient:
     """Just joined: no session."""
-    fake = FakeDevice()
-    yield create_app(fake).test_client()  # type: ignore[arg-type]  # a fake with the facade's methods
-    fake.close()
+    return app.test_client()
 
 
 @pytest.mark.parametrize(

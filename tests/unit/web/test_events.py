@@ -16,13 +16,6 @@ from web_ui.app import create_app
 
 
 @pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice()
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
 def port(device: FakeDevice) -> Iterator[int]:
     app = create_app(device, stream_cap=3)  # type: ignore[arg-type]  # a fake with the facade's methods
     with served(app, stream_cap=3) as port:

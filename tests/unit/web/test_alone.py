@@ -1,26 +1,10 @@
 """The page and the API of what happened while nobody looked."""
 
-from collections.abc import Iterator
-
 import pytest
 from flask.testing import FlaskClient
 
 from tests.browser.fake_alone import line
 from tests.browser.fake_device import FakeDevice
-from tests.pairing import paired_client
-from web_ui.app import create_app
-
-
-@pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice()
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
-def client(device: FakeDevice) -> FlaskClient:
-    return paired_client(create_app(device))  # type: ignore[arg-type]  # a fake with the facade's methods
 
 
 def test_it_is_switched_on_and_off(client: FlaskClient, device: FakeDevice) -> None:

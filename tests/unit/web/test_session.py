@@ -1,7 +1,6 @@
 """Sessions over HTTP: what answers without one, what each change must carry, who may change, and how pairing refuses."""
 
 import re
-from collections.abc import Iterator
 
 import pytest
 from flask import Flask
@@ -11,21 +10,8 @@ from werkzeug.routing import Rule
 from tests.browser.fake_device import FakeDevice
 from tests.pairing import PIN, paired_client
 from web_ui import access
-from web_ui.app import create_app
 
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
-
-
-@pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice()
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
-def app(device: FakeDevice) -> Flask:
-    return create_app(device)  # type: ignore[arg-type]  # a fake with the facade's methods
 
 
 def rules(app: Flask) -> list[Rule]:

@@ -2,33 +2,17 @@
 
 import gzip
 import re
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
-import pytest
 from flask.testing import FlaskClient
 
 import web_ui
 from tests.browser.fake_device import FakeDevice
-from tests.pairing import paired_client
-from web_ui.app import create_app
 from web_ui.wording import millimetres, percent, when
 
 FIRST_LOAD_BYTES = 150_000
 NASTY = "<img src=x onerror=alert(1)>\"'&</script>"
-
-
-@pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice()
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
-def client(device: FakeDevice) -> FlaskClient:
-    return paired_client(create_app(device))  # type: ignore[arg-type]  # a fake with the facade's methods
 
 
 class Tags(HTMLParser):

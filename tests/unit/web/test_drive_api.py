@@ -2,29 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from flask.testing import FlaskClient
 
 from tests.browser.fake_device import FakeDevice
-from tests.pairing import paired_client
 from tests.unit.device_doubles import eventually
-from tests.unit.test_web_api import error, pipe, send
-from web_ui.app import create_app
-
-
-@pytest.fixture
-def device() -> Iterator[FakeDevice]:
-    fake = FakeDevice(seconds=0.2)
-    yield fake
-    fake.close()
-
-
-@pytest.fixture
-def client(device: FakeDevice) -> FlaskClient:
-    return paired_client(create_app(device))  # type: ignore[arg-type]  # the fake has the facade's methods, not its type
+from tests.unit.web.asking import error, pipe, send
 
 
 def drive(client: FlaskClient) -> dict[str, Any]:
