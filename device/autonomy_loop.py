@@ -12,13 +12,13 @@ import numpy as np
 
 from device.autonomy import REASONS, Action, Aiming, Autonomy, Condition, Crawling, Rules, Seen, wants_after
 from device.clock import Clock
+from device.diameter.live import LiveEstimates
+from device.diameter.survey import DiameterSurvey
 from device.errors import DeviceError, NotFound
 from device.landmarks.crawler import Crawler
+from device.landmarks.survey import LandmarkSurvey
 from device.store import Store
 from device.store.journal import LastTime, What
-from device.surveys.diameter import DiameterSurvey
-from device.surveys.landmarks import LandmarkSurvey
-from device.surveys.live import LiveEstimates
 from drivers.grabber.base import VideoFrame
 from estimators.pipe_view import PipeView, pipe_view
 

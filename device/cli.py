@@ -38,7 +38,7 @@ class LazyCommands(click.Group):
         "fcdd": ("device.fcdd.command:fcdd", "Train, export and judge the detector of landmarks."),
         "label": ("device.label:label", "Print the label of the box: Wi-Fi, page and PIN."),
         "map": ("device.landmarks.command:map_pipe", "Map a pipe from CCTV and tether."),
-        "measure": ("device.measure_command:measure", "Measure the diameter of a pipe."),
+        "measure": ("device.diameter.command:measure", "Measure the diameter of a pipe."),
         "recordings": ("device.recorder.command:recordings", "List, check, recover, prune, export raw data of surveys."),
         "replay": ("device.replay.command:replay_recording", "Compute a recorded survey again and compare."),
         "serve": ("device.serve_command:serve", "Run the box: read the cameras, serve the page."),

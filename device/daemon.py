@@ -14,7 +14,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, Any
 
-from device import clouds
 from device.access import Access, pin_of
 from device.anomaly.desk import AnomalyDesk
 from device.anomaly.rig import StereoEye, make_stereo
@@ -24,6 +23,9 @@ from device.bus import Bus, Subscription
 from device.cameras import feeds as make_feeds
 from device.clock import Clock
 from device.config import Settings
+from device.diameter import clouds
+from device.diameter.live import LiveEstimates
+from device.diameter.survey import DiameterSurvey
 from device.durable import make_folder
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
 from device.feed import CameraFeed
@@ -46,8 +48,6 @@ from device.store.journal import LastTime
 from device.store.surveys import QUESTIONS
 from device.structure.desk import StructureDesk
 from device.structure.rig import make_rig
-from device.surveys.diameter import DiameterSurvey
-from device.surveys.live import LiveEstimates
 from device.workers import WorkerPool
 from drivers.lamp.base import Lamp
 

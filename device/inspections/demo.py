@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from device.clouds import cloud_json
+from device.diameter.clouds import cloud_json
+from device.diameter.result import PipeContext, diameter_result
 from device.inspections.demo_chamber import map_chamber
 from device.json_text import plain
+from device.landmarks.as_json import landmark_json
 from device.pictures import encode_jpeg, frame_jpeg
 from device.store import Kept, KeptLandmark, NewRecording, Store
 from device.surveys.anomaly import reference_jpeg
 from device.surveys.anomaly_scan import concluded
 from device.surveys.anomaly_work import Inspected, work
-from device.surveys.diameter_result import PipeContext, diameter_result
-from device.surveys.landmark_json import landmark_json
 from drivers.depth.base import DepthFrame
 from drivers.virtual.campaign import VirtualRecording
 from drivers.virtual.cctv import render

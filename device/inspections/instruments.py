@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from device.diameter.verdict import shipped
 from device.inspections.model import Instrument
-from device.verdict import shipped
 
 Facts = Mapping[str, Any]
 

@@ -14,15 +14,15 @@ import click
 
 from device.errors import Invalid
 from device.json_text import dumps
+from device.landmarks.as_json import landmark_json
 from device.landmarks.detections_file import read_detections, read_rig
 from device.landmarks.detectors import EVERY, Detector
+from device.landmarks.drive_faults import FaultWatch
 from device.landmarks.output import print_map
 from device.landmarks.picture import save_map_picture
+from device.landmarks.pipeline import LEAST_RATE, LandmarkPipeline, PipelineSetup
+from device.landmarks.recorded_way import RecordedWay, recorded_way
 from device.prompts import PROMPTS
-from device.surveys.drive_faults import FaultWatch
-from device.surveys.landmark_json import landmark_json
-from device.surveys.landmark_pipeline import LEAST_RATE, LandmarkPipeline, PipelineSetup
-from device.surveys.recorded_way import RecordedWay, recorded_way
 from drivers.base import EndOfRecording, RecordingBroken
 from drivers.encoder.osd import OsdReader, read_series, require_distance
 from drivers.encoder.recorded import read_distances

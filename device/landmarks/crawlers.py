@@ -11,10 +11,10 @@ from device.errors import Invalid
 from device.feed import EncoderFeed, GrabberFeed
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.detectors import Detector
+from device.landmarks.pipeline import LEAST_RATE
 from device.landmarks.tether import Tether
 from device.reader import FeedTiming
 from device.store import Store
-from device.surveys.landmark_pipeline import LEAST_RATE
 from drivers.base import DriverError
 from drivers.encoder.base import Encoder
 from drivers.encoder.osd import OsdEncoder, OsdReader

@@ -10,11 +10,11 @@ from device.errors import Invalid
 from device.feed import Feed
 from device.lamp import LampKeeper
 from device.landmarks.crawler import Crawler
+from device.landmarks.survey import LandmarkSurvey
 from device.landmarks.tether import Tether
 from device.notify import Turns
 from device.recorder import Shelf
 from device.store import Store
-from device.surveys.landmarks import LandmarkSurvey
 
 _JSON = dict[str, Any]
 

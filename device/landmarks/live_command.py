@@ -13,10 +13,10 @@ from device.errors import Invalid
 from device.fcdd.detector import shipped_detector
 from device.feed import EncoderFeed, Feed, GrabberFeed
 from device.landmarks.command import Map, finished, warn
+from device.landmarks.drive_faults import FaultWatch
+from device.landmarks.pipeline import LandmarkPipeline
+from device.landmarks.placing import Placing
 from device.prompts import PROMPTS
-from device.surveys.drive_faults import FaultWatch
-from device.surveys.landmark_pipeline import LandmarkPipeline
-from device.surveys.placing import Placing
 from device.tap import Tap
 from drivers.base import DriverError
 from drivers.encoder.base import Reading

@@ -13,10 +13,10 @@ import numpy as np
 
 from device.feed import EncoderFeed, GrabberFeed
 from device.landmarks.crawler import Crawler, Optics
+from device.landmarks.pipeline import PipelineSetup
+from device.landmarks.recorded_way import RecordedWay, recorded_way
 from device.landmarks.tether import Tether
 from device.store import Store
-from device.surveys.landmark_pipeline import PipelineSetup
-from device.surveys.recorded_way import RecordedWay, recorded_way
 from drivers.base import EndOfRecording
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame

@@ -6,11 +6,11 @@ from collections import deque
 from concurrent.futures import Future
 from typing import Any
 
+from device.diameter.judging import Ended, conclude, judge, nothing_seen
+from device.diameter.take import Take
 from device.errors import DeviceError
 from device.recorder.reader import Entry
 from device.recorder.schemas import topic_name
-from device.surveys.diameter_judging import Ended, conclude, judge, nothing_seen
-from device.surveys.take import Take
 from device.surveys.topics import ENDED, ESTIMATES, FRAMES
 from device.workers import WorkerPool
 from drivers.depth.base import DepthFrame

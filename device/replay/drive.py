@@ -8,12 +8,12 @@ from typing import Any
 
 from device.errors import Invalid
 from device.landmarks.detectors import Detector, NoDetector
+from device.landmarks.drive_findings import Marks, filtered_rows, findings
+from device.landmarks.drive_log import TETHER
+from device.landmarks.pipeline import LandmarkPipeline, PipelineSetup, Step
+from device.landmarks.placing import Placing
 from device.recorder.reader import Entry
 from device.recorder.samples import Picture
-from device.surveys.drive_findings import Marks, filtered_rows, findings
-from device.surveys.drive_log import TETHER
-from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup, Step
-from device.surveys.placing import Placing
 from device.surveys.topics import ENDED, MARKS, NUMBERS, STEPS
 from drivers.encoder.base import Reading
 from drivers.encoder.calibration import Calibration

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from device.clock import Clock, iso
+from device.diameter.joint_verdict import joint_verdict
 from device.errors import NotFound
 from device.json_text import dumps
 from device.store.database import Database
 from device.store.places import pipe_json
-from device.surveys.joint_verdict import joint_verdict
 
 QUESTIONS = ("image_good", "cloud_is_pipe", "fit_aligned")
 _DAY_MS = 86_400_000

@@ -24,13 +24,13 @@ import numpy as np
 
 from device.fcdd.detector import shipped_detector
 from device.json_text import dumps
+from device.landmarks import looking
+from device.landmarks.as_json import landmark_json
 from device.landmarks.detectors import Detector
 from device.landmarks.overlay import draw
+from device.landmarks.pipeline import LandmarkPipeline
+from device.landmarks.recorded_way import RecordedWay
 from device.landmarks.virtual_crawler import VirtualRun
-from device.surveys import looking
-from device.surveys.landmark_json import landmark_json
-from device.surveys.landmark_pipeline import LandmarkPipeline
-from device.surveys.recorded_way import RecordedWay
 from drivers.base import EndOfRecording
 from drivers.grabber.base import VideoFrame
 from drivers.registry import open_grabber

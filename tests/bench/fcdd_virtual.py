@@ -26,8 +26,8 @@ from device.fcdd.detector import FcddDetector
 from device.fcdd.frames import shown_in
 from device.fcdd.model import load_model
 from device.landmarks.detectors import EVERY
-from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup
-from device.surveys.recorded_way import recorded_way
+from device.landmarks.pipeline import LandmarkPipeline, PipelineSetup
+from device.landmarks.recorded_way import recorded_way
 from drivers.grabber.base import VideoFrame
 from drivers.virtual.drive import Drive, Go, demo_drive
 from drivers.virtual.grabber import FPS, Footage

@@ -19,7 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from device.surveys.diameter_result import frame_result
+from device.diameter.result import frame_result
 from tests.bench.degradations import DEGRADATIONS, degrade
 from tests.bench.ranking import FOLDS, auroc, cross_validated_f1
 from tests.bench.real_data import TOLERANCE_M, RealFrame, distance_outside, real_frames

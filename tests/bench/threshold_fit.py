@@ -21,12 +21,12 @@ from pathlib import Path
 import click
 import numpy as np
 
-from device.campaign import BANDS_MM, Outcome, load, with_errors
-from device.surveys.diameter_result import SINGLE_FRAME_RESAMPLES
-from device.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
+from device.diameter.result import SINGLE_FRAME_RESAMPLES
+from device.diameter.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
 from estimators.frame import estimate_frame
 from estimators.recording import MIN_FRAMES_FOR_SPREAD, ErrorModel, RecordingEstimate, combine
 from tests.bench.degradations import DEGRADATIONS, degrade
+from tests.bench.diameter_campaign import BANDS_MM, Outcome, load, with_errors
 from tests.bench.real_data import TOLERANCE_M, RealFrame, distance_outside, real_frames
 
 COST_FALSE_ACCEPT = 1000.0

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from device.landmarks.pipeline import LandmarkPipeline
 from device.landmarks.virtual_crawler import VirtualRun
-from device.surveys.landmark_pipeline import LandmarkPipeline
 from drivers.virtual.drive import demo_drive
 from drivers.virtual.landmarks import LandmarkTruth
 from estimators.landmarks.ekf import wrap

@@ -71,7 +71,7 @@ def circles(shift: float = 0.0) -> list[list[list[float]]]:
 
 
 def result(outcome: str, position: str = "top") -> Json:
-    """A finding as `device.surveys.diameter_result` makes it."""
+    """A finding as `device.diameter.result` makes it."""
     rng = np.random.default_rng({"accept": 1, "retry": 2, "second": 3}[outcome])
     good = outcome == "accept"
     spread = 0.6 if good else 22.0

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from device.errors import Busy, Invalid, NotFound
-from device.surveys.landmark_pipeline import LandmarkPipeline
+from device.landmarks.pipeline import LandmarkPipeline
 from estimators.landmarks.projection import clock_hour
 from tests.hil.crawler_rig import Bench, Thing
 

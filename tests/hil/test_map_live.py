@@ -13,7 +13,7 @@ import pytest
 
 import device.landmarks.live_command
 from device.cli import main
-from device.surveys.landmark_pipeline import LandmarkPipeline
+from device.landmarks.pipeline import LandmarkPipeline
 from tests.hil.crawler_rig import CAMERA, PipePictures
 from tests.unit.wheel_on_a_pty import PtyRig
 

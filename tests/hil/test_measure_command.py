@@ -10,10 +10,10 @@ from pathlib import Path
 import click
 import pytest
 
-from device import measure_command
 from device.bus import Event, Subscription
+from device.diameter import command as measure_command
+from device.diameter.command import measure_live
 from device.errors import Invalid
-from device.measure_command import measure_live
 from tests.hil.rig import Bench, PipeCamera
 from tests.unit.device_doubles import ScriptedCamera
 

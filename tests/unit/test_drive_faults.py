@@ -1,8 +1,8 @@
 """What becomes an event of a drive, and what is the same event still."""
 
 from device.feed import FeedStatus
+from device.landmarks.drive_faults import FaultWatch
 from device.reader import FeedState
-from device.surveys.drive_faults import FaultWatch
 
 
 def status(state: FeedState, frames: int = 10) -> FeedStatus:

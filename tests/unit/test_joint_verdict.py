@@ -1,6 +1,6 @@
 import pytest
 
-from device.surveys.joint_verdict import joint_verdict
+from device.diameter.joint_verdict import joint_verdict
 
 
 def said(verdict: str | None = None, **answers: bool | None) -> dict[str, object]:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from device.surveys.landmark_smoothing import smooth_drive
+from device.landmarks.smoothing import smooth_drive
 from estimators.detections import Detection
 from estimators.landmarks.projection import PipeCamera, View, project
 from estimators.landmarks.smoothing import (

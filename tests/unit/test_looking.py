@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import device.surveys.looking
-from device.surveys.looking import Looking
+import device.landmarks.looking
+from device.landmarks.looking import Looking
 from estimators.odometry import Position
 
 
@@ -24,7 +24,7 @@ def test_the_focus_of_expansion_is_sought_in_square_pixels(
     def estimate(flow: object, rng: object, config: Any, around: object) -> None:
         asked.append(config.aspect)
 
-    monkeypatch.setattr(device.surveys.looking, "estimate", estimate)
+    monkeypatch.setattr(device.landmarks.looking, "estimate", estimate)
     looking, rng = Looking(None, None, 0, aspect=known), np.random.default_rng(0)
     wall = rng.integers(0, 255, (size[0], size[1] + 40)).astype(np.uint8)
     for k in range(6):

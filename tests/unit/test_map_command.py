@@ -271,7 +271,7 @@ def test_recordings_that_are_none_are_refused(capsys: pytest.CaptureFixture[str]
 def test_ctrl_c_is_said_and_leaves_nothing(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from device.surveys.landmark_pipeline import LandmarkPipeline
+    from device.landmarks.pipeline import LandmarkPipeline
 
     def interrupted(*arguments: Any) -> Any:
         raise KeyboardInterrupt

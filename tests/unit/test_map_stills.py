@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup
+from device.landmarks.pipeline import LandmarkPipeline, PipelineSetup
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.odometry import Position

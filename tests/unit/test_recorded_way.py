@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from device.surveys.recorded_way import recorded_way
+from device.landmarks.recorded_way import recorded_way
 
 
 def test_a_counter_that_steps_by_a_tenth_gives_a_smooth_way() -> None:

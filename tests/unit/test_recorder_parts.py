@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from device.diameter.take import Take
 from device.errors import Invalid
 from device.recorder.developing import DevelopingTap
 from device.recorder.samples import Picture, picture
 from device.replay.compare import differences, plain_json
 from device.replay.drive import Again, DriveReplay, SaidThen
-from device.surveys.take import Take
 from device.tap import Tap
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection

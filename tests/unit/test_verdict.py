@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from device.diameter.result import PipeContext, choose, diameter_result, frame_result, live_summary
+from device.diameter.verdict import reasons_to_refuse, shipped
 from device.prompts import PROMPTS
-from device.surveys.diameter_result import PipeContext, choose, diameter_result, frame_result, live_summary
-from device.verdict import reasons_to_refuse, shipped
 from estimators.frame import FrameEstimate, estimate_frame
 from estimators.picture import PictureQuality
 from estimators.recording import combine

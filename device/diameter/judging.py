@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from device.diameter.result import PipeContext, Result, choose, diameter_result
+from device.diameter.take import Take
 from device.prompts import PROMPTS
-from device.surveys.diameter_result import PipeContext, Result, choose, diameter_result
-from device.surveys.take import Take
 from drivers.depth.base import STEREO_SCALE_STD, DepthFrame
 from estimators.picture import picture_quality
 

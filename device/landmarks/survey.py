@@ -14,17 +14,17 @@ from typing import Any
 from device.bus import Bus
 from device.errors import Busy, DeviceError, Invalid, NotFound, StorageFull
 from device.landmarks.crawler import Crawler
+from device.landmarks.drive import Drive
+from device.landmarks.drive_findings import DriveFindings
+from device.landmarks.drive_log import DriveLog, head
 from device.landmarks.heatmaps import Heatmaps
 from device.landmarks.overlay import draw
+from device.landmarks.pipeline import LandmarkPipeline, PipelineSetup
+from device.landmarks.placing import Placing
 from device.notify import Turns
 from device.pictures import PictureCache, encode_jpeg
 from device.recorder import Shelf
 from device.store import Kept, KeptLandmark, Store
-from device.surveys.drive import Drive
-from device.surveys.drive_findings import DriveFindings
-from device.surveys.drive_log import DriveLog, head
-from device.surveys.landmark_pipeline import LandmarkPipeline, PipelineSetup
-from device.surveys.placing import Placing
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,11 @@ from functools import partial
 from typing import Any
 
 from device.bus import Bus
-from device.clouds import cloud_json
+from device.diameter.clouds import cloud_json
+from device.diameter.judging import Ended, conclude, judge, nothing_seen
+from device.diameter.live import LiveEstimates
+from device.diameter.recording import Recording
+from device.diameter.result import Result
 from device.errors import EstimateFailed
 from device.feed import CameraFeed
 from device.pictures import frame_jpeg
@@ -18,10 +22,6 @@ from device.recorder.schemas import topic_name
 from device.recorder.versions import versions
 from device.store import NewRecording, Store
 from device.surveys.base import Cancelled, Job, Outcome, Survey
-from device.surveys.diameter_judging import Ended, conclude, judge, nothing_seen
-from device.surveys.diameter_result import Result
-from device.surveys.live import LiveEstimates
-from device.surveys.recording import Recording
 from device.surveys.topics import ENDED, FINDINGS, PROMPTED
 from device.workers import WorkerPool
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device import dn
+from device.diameter.verdict import SECOND_POSITION_FROM_MM, TOLERANCE_MM, reasons_to_refuse, shipped
 from device.prompts import PROMPTS
-from device.verdict import SECOND_POSITION_FROM_MM, TOLERANCE_MM, reasons_to_refuse, shipped
 from drivers.depth.base import STEREO_SCALE_STD
 from estimators.cylinder import CylinderFit, orthonormal_basis
 from estimators.frame import FrameEstimate, estimate_frame

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from device.diameter.result import SINGLE_FRAME_RESAMPLES
+from device.diameter.take import Take
 from device.errors import DeviceError
 from device.feed import CameraFeed
-from device.surveys.diameter_result import SINGLE_FRAME_RESAMPLES
-from device.surveys.take import Take
 from device.surveys.topics import ESTIMATES, FRAMES
 from device.workers import WorkerPool
 from drivers.depth.base import DepthFrame

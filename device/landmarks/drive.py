@@ -11,12 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from device.landmarks.as_json import marked_json
 from device.landmarks.crawler import Crawler
-from device.prompts import PROMPTS
-from device.store import Kept, KeptLandmark
-from device.store.drives import with_words
-from device.surveys.drive_faults import FaultWatch
-from device.surveys.drive_findings import (
+from device.landmarks.drive_faults import FaultWatch
+from device.landmarks.drive_findings import (
     DriveFindings,
     Marks,
     Row,
@@ -25,11 +23,13 @@ from device.surveys.drive_findings import (
     next_number,
     numbered_rows,
 )
-from device.surveys.drive_log import DriveLog
-from device.surveys.landmark_json import marked_json
-from device.surveys.landmark_pipeline import LandmarkPipeline, Step
-from device.surveys.landmark_smoothing import Mapped
-from device.surveys.placing import Placing, Whereabouts
+from device.landmarks.drive_log import DriveLog
+from device.landmarks.pipeline import LandmarkPipeline, Step
+from device.landmarks.placing import Placing, Whereabouts
+from device.landmarks.smoothing import Mapped
+from device.prompts import PROMPTS
+from device.store import Kept, KeptLandmark
+from device.store.drives import with_words
 from drivers.grabber.base import VideoFrame
 
 

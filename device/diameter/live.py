@@ -11,9 +11,9 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from device.bus import Bus
+from device.diameter.result import LIVE_FRAMES, SINGLE_FRAME_RESAMPLES, live_summary
 from device.errors import Closed, DeviceError
 from device.feed import CameraFeed
-from device.surveys.diameter_result import LIVE_FRAMES, SINGLE_FRAME_RESAMPLES, live_summary
 from device.workers import WorkerPool
 from drivers.depth.base import DepthFrame
 from estimators.frame import FrameEstimate

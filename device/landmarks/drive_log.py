@@ -8,12 +8,12 @@ from typing import Any
 
 from device.feed import GrabberFeed
 from device.landmarks.detectors import Detector
+from device.landmarks.pipeline import PipelineSetup, Step
 from device.recorder import Recorder
 from device.recorder.developing import DevelopingTap
 from device.recorder.samples import Words
 from device.recorder.schemas import topic_name
 from device.recorder.versions import versions
-from device.surveys.landmark_pipeline import PipelineSetup, Step
 from device.surveys.topics import ENDED, FINDINGS, MARKS, NUMBERS, PROMPTED, STEPS
 from device.tap import Tap
 from drivers.encoder.base import Reading

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.landmarks.detectors import Detector
+from device.landmarks.looking import Look, Looking
 from device.landmarks.overlay import Mark, Scene
-from device.surveys.landmark_smoothing import Mapped, smooth_drive
-from device.surveys.looking import Look, Looking
+from device.landmarks.smoothing import Mapped, smooth_drive
 from drivers.grabber.base import VideoFrame
 from estimators.landmarks.mapper import Mapper, MapperConfig
 from estimators.landmarks.projection import PipeCamera, View

@@ -20,7 +20,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from device.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
+from device.diameter.verdict import TOLERANCE_MM, Thresholds, reasons_to_refuse, shipped
 from drivers.virtual.campaign import VirtualRecording, campaign
 from estimators.frame import FrameEstimate, estimate_frame
 from estimators.recording import ErrorModel, RecordingEstimate, combine

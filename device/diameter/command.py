@@ -13,16 +13,16 @@ import click
 from device.cli import camera_options, chosen_cameras
 from device.config import load_settings
 from device.daemon import Device
-from device.errors import Invalid
-from device.json_text import dumps
-from device.surveys.diameter_judging import no_picture
-from device.surveys.diameter_result import (
+from device.diameter.judging import no_picture
+from device.diameter.result import (
     SINGLE_FRAME_RESAMPLES,
     PipeContext,
     Result,
     diameter_result,
     frame_result,
 )
+from device.errors import Invalid
+from device.json_text import dumps
 from drivers.base import DriverError, EndOfRecording
 from drivers.depth.base import DepthFrame
 from drivers.depth.replay import PLAYBACK_SUFFIXES, ManifestEntry, ReplayCamera, manifest_entries, read_entry

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from device.surveys.landmark_json import landmark_json
-from device.surveys.landmark_pipeline import LandmarkPipeline
-from device.surveys.landmark_smoothing import Mapped
+from device.landmarks.as_json import landmark_json
+from device.landmarks.pipeline import LandmarkPipeline
+from device.landmarks.smoothing import Mapped
 
 Row = dict[str, Any]
 Marks = dict[int, tuple[float, Row]]

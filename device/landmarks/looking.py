@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from device.surveys.landmark_smoothing import SeenJoint
+from device.landmarks.smoothing import SeenJoint
 from estimators.flow import Flow, Tracker
 from estimators.foe import Foe, FoeConfig, Follower, estimate, video_aspect
 from estimators.odometry import Position
