@@ -66,7 +66,7 @@ def find_pipes(
             off = off - (off @ directions[best])[:, None] * directions[best]
             like = (np.abs(directions @ directions[best]) > 0.9995) & (np.einsum("ij,ij->i", off, off) < 0.004**2)
             weights[like] = 0.0
-    return merged(found), taken
+    return merged(found, width=2 * settings.radius), taken
 
 
 def _hypotheses(moved: Array, rng: np.random.Generator, settings: PipeSettings) -> tuple[Array, Array]:
@@ -247,13 +247,19 @@ def _across(direction: Array) -> Array:
     return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
 
 
-def merged(segments: list[Segment], angle: float = 0.175, apart: float = 0.03, gap: float = 0.4) -> list[Segment]:
+def merged(
+    segments: list[Segment], angle: float = 0.175, apart: float = 0.03, gap: float = 0.4, width: float = 2 * PIPE_RADIUS
+) -> list[Segment]:
     """Collinear and doubled segments as one each (Sec. 4.5, Fig. 8): the longest from the two pairs of ends is kept.
 
     The angle is the paper's. Its 0.3 m between lines would join pipes that run side by side here: 3 cm is as wide as a pipe.
+    A segment that lies in another one, nearer to its axis than pipes of that ``width`` can, is none: two valves on a pipe are
+    thicker than it, so that a pipe fits along their near sides.
     """
     kept: list[Segment] = []
     for segment in sorted(segments, key=lambda one: -len(one.bins)):
+        if any(_lies_in(segment, other, angle, 0.75 * width) for other in kept):
+            continue
         for number, other in enumerate(kept):
             one = _as_one(other, segment, angle, apart, gap)
             if one is not None:
@@ -262,6 +268,16 @@ def merged(segments: list[Segment], angle: float = 0.175, apart: float = 0.03, g
         else:
             kept.append(segment)
     return kept
+
+
+def _lies_in(segment: Segment, other: Segment, angle: float, apart: float) -> bool:
+    """Whether a good part of ``segment`` was seen beside ``other``, all of it no further than ``apart`` (m) from its axis."""
+    if abs(segment.direction @ other.direction) < np.cos(angle):
+        return False
+    seen = segment.start + segment.bins[:, None] * segment.direction - other.start
+    along = seen @ other.direction
+    off = np.linalg.norm(seen - along[:, None] * other.direction, axis=1)
+    return bool(off.max() < apart and np.mean((along > 0) & (along < other.length)) > 0.2)
 
 
 def _as_one(a: Segment, b: Segment, angle: float, apart: float, gap: float) -> Segment | None:

@@ -111,6 +111,20 @@ def test_collinear_and_doubled_segments_are_one_parallel_ones_two() -> None:
     assert len(merged([_segment([0, 0, 2], [1, 0, 2]), _segment([0.5, -0.5, 2], [0.5, 0.5, 2])])) == 2
 
 
+def test_a_pipe_along_the_near_sides_of_two_valves_is_none() -> None:
+    """Seen as a second pipe, it takes the valves off the one that they sit on."""
+    pipe = _segment([0, 0, 2], [0.9, 0, 2])
+    for near in (0.01, 0.026, 0.041):
+        (kept,) = merged([pipe, _segment([0.1, 0, 2 - near], [0.55, 0, 2 - near])])
+        assert kept is pipe
+    assert len(merged([pipe, _segment([0.1, 0, 2 - 2.1 * PIPE_RADIUS], [0.55, 0, 2 - 2.1 * PIPE_RADIUS])])) == 2
+    rng = np.random.default_rng(5)
+    pieces = ((-0.45, -0.1, PIPE_RADIUS), (-0.1, 0.0, 0.0605), (0.0, 0.25, PIPE_RADIUS), (0.25, 0.45, 0.0555))
+    points = [half_pipe(np.array([a, 0, 2.5]), np.array([b, 0, 2.5]), 0.004, rng, radius) for a, b, radius in pieces]
+    (found,) = _found(np.vstack(points), rng)
+    assert np.linalg.norm(np.cross(found.middle - [0, 0, 2.5], [1.0, 0, 0])) < 0.004
+
+
 def test_objects_stand_where_pipes_meet_and_where_they_are_thick() -> None:
     rng = np.random.default_rng(4)
     corner = np.array([-0.6, 0.0, 2.5])
