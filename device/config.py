@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from device.autonomy import Rules
+from device.autonomy.machine import Rules
 from device.errors import Invalid
 from device.landmarks.detectors import EVERY
 
@@ -152,7 +152,7 @@ class AutonomySettings(BaseModel):
 
     enabled: bool = False
     rules: dict[str, Annotated[float, Field(gt=0)]] = {}
-    """Fields of ``device.autonomy.Rules`` by name, in seconds and metres."""
+    """Fields of ``device.autonomy.machine.Rules`` by name, in seconds and metres."""
 
     @field_validator("rules")
     @classmethod

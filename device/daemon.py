@@ -17,10 +17,9 @@ from typing import IO, Any
 from device.access import Access, pin_of
 from device.anomaly.desk import AnomalyDesk
 from device.anomaly.rig import StereoEye, make_stereo
-from device.autonomy import Condition
-from device.autonomy_loop import Unattended, told
+from device.autonomy.loop import Unattended, told
+from device.autonomy.machine import Condition
 from device.bus import Bus, Subscription
-from device.cameras import feeds as make_feeds
 from device.clock import Clock
 from device.config import Settings
 from device.diameter import clouds
@@ -28,11 +27,12 @@ from device.diameter.live import LiveEstimates
 from device.diameter.survey import DiameterSurvey
 from device.durable import make_folder
 from device.errors import DeviceError, Invalid, NotFound, StorageFull, StoreUnusable
-from device.feed import CameraFeed
+from device.feeds.cameras import feeds as make_feeds
+from device.feeds.feed import CameraFeed
 from device.health.machine import MachineReader
 from device.health.watch import HealthWatch
 from device.inspections.desk import Desk
-from device.lamp import LampKeeper
+from device.lamp.keeper import LampKeeper
 from device.landmarks.crawler import Crawler
 from device.landmarks.crawlers import make_crawler
 from device.landmarks.desk import DriveDesk

@@ -9,7 +9,7 @@ from device.anomaly.rig import StereoEye
 from device.bus import Bus
 from device.config import StereoSettings
 from device.errors import Invalid, NotFound
-from device.feed import Feed, StereoFeed
+from device.feeds.feed import Feed, StereoFeed
 from device.landmarks.tether import Tether
 from device.notify import Turns
 from device.pictures import PictureCache

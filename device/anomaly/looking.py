@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import click
 
 from device.errors import Invalid
-from device.feed import StereoFeed
+from device.feeds.feed import StereoFeed
 from drivers.base import DriverError
 from drivers.stereo.base import StereoFrame
 

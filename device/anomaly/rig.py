@@ -11,7 +11,7 @@ from typing import Any
 from device.anomaly.calibration import BoardCalibration, RigSource, load_calibration
 from device.config import StereoSettings
 from device.errors import Invalid
-from device.feed import StereoFeed
+from device.feeds.feed import StereoFeed
 from drivers.base import DriverError
 from drivers.registry import open_stereo_camera
 from drivers.stereo.base import StereoCamera

@@ -13,7 +13,7 @@ from typing import Any
 from device.bus import Bus
 from device.diameter.result import LIVE_FRAMES, SINGLE_FRAME_RESAMPLES, live_summary
 from device.errors import Closed, DeviceError
-from device.feed import CameraFeed
+from device.feeds.feed import CameraFeed
 from device.workers import WorkerPool
 from drivers.depth.base import DepthFrame
 from estimators.frame import FrameEstimate

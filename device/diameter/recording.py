@@ -15,7 +15,7 @@ import numpy as np
 from device.diameter.result import SINGLE_FRAME_RESAMPLES
 from device.diameter.take import Take
 from device.errors import DeviceError
-from device.feed import CameraFeed
+from device.feeds.feed import CameraFeed
 from device.surveys.topics import ESTIMATES, FRAMES
 from device.workers import WorkerPool
 from drivers.depth.base import DepthFrame

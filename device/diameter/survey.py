@@ -14,7 +14,7 @@ from device.diameter.live import LiveEstimates
 from device.diameter.recording import Recording
 from device.diameter.result import Result
 from device.errors import EstimateFailed
-from device.feed import CameraFeed
+from device.feeds.feed import CameraFeed
 from device.pictures import frame_jpeg
 from device.recorder import Shelf
 from device.recorder.samples import Words, as_recorded

@@ -12,7 +12,7 @@ from typing import Any
 
 from device.bus import Bus
 from device.clock import Clock
-from device.feed import Feed
+from device.feeds.feed import Feed
 from device.health.machine import MachineReader
 from device.health.readings import Health, HotspotState, SensorHealth, concerns
 from device.memory import give_back

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from device.feed import Feed, GrabberFeed
+from device.feeds.feed import Feed, GrabberFeed
 from device.landmarks.detectors import Detector, NoDetector
 from device.landmarks.tether import Tether
 from drivers.encoder.base import Encoder

@@ -8,12 +8,12 @@ from typing import Any
 
 from device.config import CrawlerSettings, LampSettings, Settings
 from device.errors import Invalid
-from device.feed import EncoderFeed, GrabberFeed
+from device.feeds.feed import EncoderFeed, GrabberFeed
+from device.feeds.reader import FeedTiming
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.detectors import Detector
 from device.landmarks.pipeline import LEAST_RATE
 from device.landmarks.tether import Tether
-from device.reader import FeedTiming
 from device.store import Store
 from drivers.base import DriverError
 from drivers.encoder.base import Encoder

@@ -7,8 +7,8 @@ from typing import Any
 
 from device.bus import Bus
 from device.errors import Invalid
-from device.feed import Feed
-from device.lamp import LampKeeper
+from device.feeds.feed import Feed
+from device.lamp.keeper import LampKeeper
 from device.landmarks.crawler import Crawler
 from device.landmarks.survey import LandmarkSurvey
 from device.landmarks.tether import Tether

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from device.feed import FeedStatus
+from device.feeds.feed import FeedStatus
 from device.prompts import PROMPTS
 
 LASTING_S = 1.0

@@ -6,7 +6,8 @@ from dataclasses import asdict, fields
 from functools import partial
 from typing import Any
 
-from device.feed import GrabberFeed
+from device.feeds.feed import GrabberFeed
+from device.feeds.tap import Tap
 from device.landmarks.detectors import Detector
 from device.landmarks.pipeline import PipelineSetup, Step
 from device.recorder import Recorder
@@ -15,7 +16,6 @@ from device.recorder.samples import Words
 from device.recorder.schemas import topic_name
 from device.recorder.versions import versions
 from device.surveys.topics import ENDED, FINDINGS, MARKS, NUMBERS, PROMPTED, STEPS
-from device.tap import Tap
 from drivers.encoder.base import Reading
 from drivers.encoder.calibration import Calibration
 from drivers.grabber.base import VideoFrame

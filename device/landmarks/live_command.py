@@ -11,13 +11,13 @@ import click
 
 from device.errors import Invalid
 from device.fcdd.detector import shipped_detector
-from device.feed import EncoderFeed, Feed, GrabberFeed
+from device.feeds.feed import EncoderFeed, Feed, GrabberFeed
+from device.feeds.tap import Tap
 from device.landmarks.command import Map, finished, warn
 from device.landmarks.drive_faults import FaultWatch
 from device.landmarks.pipeline import LandmarkPipeline
 from device.landmarks.placing import Placing
 from device.prompts import PROMPTS
-from device.tap import Tap
 from drivers.base import DriverError
 from drivers.encoder.base import Reading
 from drivers.encoder.calibration import Calibration

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from device.errors import Invalid
-from device.feed import EncoderFeed
+from device.feeds.feed import EncoderFeed
 from device.store.drives import Remembered
 from drivers.encoder.base import Reading
 from drivers.encoder.calibration import Calibration, two_point

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from device.feed import EncoderFeed, GrabberFeed
+from device.feeds.feed import EncoderFeed, GrabberFeed
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.pipeline import PipelineSetup
 from device.landmarks.recorded_way import RecordedWay, recorded_way

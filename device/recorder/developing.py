@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import cv2
 
+from device.feeds.tap import Tap
 from device.recorder.samples import Picture, picture
-from device.tap import Tap
 from drivers.grabber.base import VideoFrame
 
 log = logging.getLogger(__name__)

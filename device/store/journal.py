@@ -13,7 +13,7 @@ from device.json_text import dumps
 from device.store.database import Database
 
 What = Literal["on", "off", "cut", "begin", "end", "drop", "measure", "held", "released", "refused"]
-"""Switched on, switched off, the power was cut; the rest as in ``device.autonomy.Action``, or refused by the survey."""
+"""Switched on, switched off, the power was cut; the rest as in ``device.autonomy.machine.Action``, or refused by the survey."""
 KEPT = 5000
 _LOOKED = "journal looked at"
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from device.config import StructureSettings
 from device.errors import Invalid
-from device.feed import CameraFeed, Feed
-from device.reader import FeedTiming
-from device.samples import NAVIGATION, SCAN
-from device.tap import Tap
+from device.feeds.feed import CameraFeed, Feed
+from device.feeds.reader import FeedTiming
+from device.feeds.samples import NAVIGATION, SCAN
+from device.feeds.tap import Tap
 from drivers.base import DriverError
 from drivers.depth.base import DepthFrame
 from drivers.navigation.base import NavigationSensor

@@ -32,7 +32,7 @@ from device.clock import Clock
 from device.config import RecordingSettings, Settings
 from device.daemon import Device
 from device.fcdd.detector import shipped_detector
-from device.feed import EncoderFeed, GrabberFeed
+from device.feeds.feed import EncoderFeed, GrabberFeed
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.tether import Tether
 from device.recorder.names import Name, recordings_in

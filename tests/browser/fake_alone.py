@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from device.autonomy_loop import told
+from device.autonomy.loop import told
 
 Json = dict[str, Any]
 

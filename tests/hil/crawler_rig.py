@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
-from device.feed import EncoderFeed, GrabberFeed
+from device.feeds.feed import EncoderFeed, GrabberFeed
+from device.feeds.reader import FeedTiming
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.tether import Tether
-from device.reader import FeedTiming
 from device.store import Store
 from device.workers import WorkerPool
 from drivers.base import FrameTimeout, SensorLost

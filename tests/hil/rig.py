@@ -14,8 +14,8 @@ from device.bus import Event, Subscription
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
-from device.feed import CameraFeed
-from device.reader import FeedTiming
+from device.feeds.feed import CameraFeed
+from device.feeds.reader import FeedTiming
 from device.workers import WorkerPool
 from drivers.base import FrameTimeout, SensorLost
 from drivers.depth.base import DepthCamera, DepthFrame

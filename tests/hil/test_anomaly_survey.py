@@ -16,7 +16,7 @@ from device.anomaly.rig import StereoEye
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
-from device.feed import StereoFeed
+from device.feeds.feed import StereoFeed
 from device.recorder.export import export_recording
 from device.replay.survey import replay
 from device.surveys.anomaly_views import unpacked

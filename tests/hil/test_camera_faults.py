@@ -11,8 +11,8 @@ import pytest
 
 from device.config import Settings
 from device.daemon import Device
-from device.feed import CameraFeed, FeedStatus
-from device.reader import FeedTiming
+from device.feeds.feed import CameraFeed, FeedStatus
+from device.feeds.reader import FeedTiming
 from drivers.depth.base import DepthSettings
 from drivers.depth.librealsense import LibrealsenseCamera
 from drivers.virtual.cameras import TIME_OF_FLIGHT_SERIAL, virtual_bus

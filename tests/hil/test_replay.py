@@ -11,9 +11,9 @@ from typing import Any
 import cv2
 import pytest
 
-from device.cameras import HeldReplay
 from device.config import Settings
 from device.daemon import Device
+from device.feeds.cameras import HeldReplay
 from drivers.base import EndOfRecording
 from drivers.depth.base import DepthFrame
 from drivers.depth.replay import ReplayCamera

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from device.cameras import feeds as make_feeds
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
 from device.errors import Invalid
-from device.feed import CameraFeed
-from device.reader import FeedTiming
+from device.feeds.cameras import feeds as make_feeds
+from device.feeds.feed import CameraFeed
+from device.feeds.reader import FeedTiming
 from device.workers import WorkerPool
 from drivers.registry import open_depth_cameras
 from drivers.virtual.cameras import demo_bus

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
-from device.feed import EncoderFeed, GrabberFeed
+from device.feeds.feed import EncoderFeed, GrabberFeed
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.tether import Tether
 from device.store import Store
@@ -42,7 +42,7 @@ FPS = 5.0
 ASKED_EACH_S = 0.5
 KEEP_FREE_MB, STOP_FREE_MB = 70, 60
 STILL_S = 20.0
-"""After so long a halt is a standstill; on a real crawler it takes longer (``device.autonomy.Rules``)."""
+"""After so long a halt is a standstill; on a real crawler it takes longer (``device.autonomy.machine.Rules``)."""
 
 
 @dataclass(frozen=True)

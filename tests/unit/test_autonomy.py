@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from device.autonomy import REASONS, Action, Aiming, Autonomy, Condition, Crawling, Rules, Seen, wants_after
+from device.autonomy.machine import REASONS, Action, Aiming, Autonomy, Condition, Crawling, Rules, Seen, wants_after
 from estimators.pipe_view import pipe_view
 
 STEP_S = 0.5

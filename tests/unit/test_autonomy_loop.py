@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from device.autonomy import Condition, Rules
-from device.autonomy_loop import Unattended, sentence
+from device.autonomy.loop import Unattended, sentence
+from device.autonomy.machine import Condition, Rules
 from device.clock import Clock
 from device.errors import StorageFull
 from device.landmarks.crawler import Crawler

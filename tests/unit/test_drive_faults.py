@@ -1,8 +1,8 @@
 """What becomes an event of a drive, and what is the same event still."""
 
-from device.feed import FeedStatus
+from device.feeds.feed import FeedStatus
+from device.feeds.reader import FeedState
 from device.landmarks.drive_faults import FaultWatch
-from device.reader import FeedState
 
 
 def status(state: FeedState, frames: int = 10) -> FeedStatus:

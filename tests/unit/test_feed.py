@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from device.feed import CameraFeed
-from device.reader import FeedTiming
+from device.feeds.feed import CameraFeed
+from device.feeds.reader import FeedTiming
 from drivers.base import EndOfRecording
 from drivers.depth.base import DepthCamera, DepthFrame
 from tests.unit.device_doubles import ScriptedCamera, eventually, frame

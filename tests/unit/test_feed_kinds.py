@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from device.feed import EncoderFeed, Feed, GrabberFeed
-from device.reader import FeedTiming
-from device.samples import DEPTH, VIDEO
+from device.feeds.feed import EncoderFeed, Feed, GrabberFeed
+from device.feeds.reader import FeedTiming
+from device.feeds.samples import DEPTH, VIDEO
 from drivers.grabber.base import VideoFrame
 from tests.unit.device_doubles import ScriptedEncoder, ScriptedGrabber, eventually, frame
 from tests.unit.test_feed import QUICK

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from device.clock import Clock
 from device.errors import Invalid
-from device.feed import EncoderFeed, GrabberFeed
-from device.lamp import LampKeeper
-from device.lamp_control import LampControl, LampRules, exposure
+from device.feeds.feed import EncoderFeed, GrabberFeed
+from device.lamp.control import LampControl, LampRules, exposure
+from device.lamp.keeper import LampKeeper
 from device.landmarks.tether import Tether
 from device.store import Store
 from drivers.base import SensorLost, SensorMissing
@@ -208,7 +208,7 @@ def test_what_was_set_outlives_a_restart_and_the_end_is_dark(store: Store) -> No
 
 
 def test_a_lamp_that_fails_is_told_and_tried_again(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("device.lamp.RETRY_S", 0.02)
+    monkeypatch.setattr("device.lamp.keeper.RETRY_S", 0.02)
     lamp = MoodyLamp()
     lamp.broken = True
     keeper = LampKeeper(lamp, store.remembered, None, None)

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 from device.diameter.take import Take
 from device.errors import Invalid
+from device.feeds.tap import Tap
 from device.recorder.developing import DevelopingTap
 from device.recorder.samples import Picture, picture
 from device.replay.compare import differences, plain_json
 from device.replay.drive import Again, DriveReplay, SaidThen
-from device.tap import Tap
 from drivers.grabber.base import VideoFrame
 from estimators.detections import Detection
 from estimators.frame import FrameEstimate, estimate_frame

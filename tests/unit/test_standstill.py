@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from device.standstill import Standstill
+from device.landmarks.standstill import Standstill
 
 
 def test_it_stands_from_where_it_last_moved() -> None:

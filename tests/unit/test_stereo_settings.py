@@ -17,7 +17,7 @@ from device.anomaly.rig import make_stereo
 from device.config import StereoSettings, load_settings
 from device.doctor import examine
 from device.errors import Invalid
-from device.feed import StereoFeed
+from device.feeds.feed import StereoFeed
 from drivers.base import RecordingBroken, SensorMissing
 from drivers.stereo.base import StereoCamera, StereoFrame
 from drivers.stereo.rectifier import Rectifier

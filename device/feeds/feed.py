@@ -14,9 +14,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Generic
 
-from device.reader import FeedState, FeedTiming, Reader
-from device.samples import DEPTH, STEREO, TETHER, VIDEO, S, Sampling, Source
-from device.tap import Relay, Tap
+from device.feeds.reader import FeedState, FeedTiming, Reader
+from device.feeds.samples import DEPTH, STEREO, TETHER, VIDEO, S, Sampling, Source
+from device.feeds.tap import Relay, Tap
 from drivers.depth.base import DepthFrame
 from drivers.encoder.base import Reading
 from drivers.grabber.base import VideoFrame

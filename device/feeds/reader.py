@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Literal, Protocol, TypeVar
 
-from device.samples import S, Sampling, Source
+from device.feeds.samples import S, Sampling, Source
 from drivers.base import BadFrame, DriverError, EndOfRecording, FrameTimeout, RecordingBroken, SensorMissing
 
 log = logging.getLogger(__name__)

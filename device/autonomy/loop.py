@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from device.autonomy import REASONS, Action, Aiming, Autonomy, Condition, Crawling, Rules, Seen, wants_after
+from device.autonomy.machine import REASONS, Action, Aiming, Autonomy, Condition, Crawling, Rules, Seen, wants_after
 from device.clock import Clock
 from device.diameter.live import LiveEstimates
 from device.diameter.survey import DiameterSurvey

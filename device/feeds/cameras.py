@@ -11,7 +11,7 @@ from typing import Any
 
 from device.config import Settings
 from device.errors import Invalid
-from device.feed import CameraFeed
+from device.feeds.feed import CameraFeed
 from drivers.base import DriverError, FrameTimeout
 from drivers.depth.base import DepthCamera, DepthFrame
 from drivers.registry import open_depth_cameras

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from device.errors import Invalid, StorageFull
-from device.feed import Feed
-from device.lamp_control import LampControl, LampRules, exposure
+from device.feeds.feed import Feed
+from device.lamp.control import LampControl, LampRules, exposure
 from device.landmarks.tether import Tether
 from device.store.drives import Remembered
 from drivers.base import DriverError

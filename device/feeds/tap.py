@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic
 
-from device.samples import S
+from device.feeds.samples import S
 
 
 class Tap(Generic[S]):

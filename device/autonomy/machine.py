@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from device.standstill import Standstill
+from device.landmarks.standstill import Standstill
 
 _MOVED_WITHIN_S = 10.0
 _VIEWS_S = 1.5
