@@ -129,6 +129,8 @@ def _thickenings(
     for other in segments:
         if other is not segment:
             near = near[_distance_to(other, points[near]) > settings.radius + 0.02]
+            # what sits at the other's end may lie beyond this one's: it is the other's where that axis is nearer
+            near = near[_distance_to(other, points[near], settings.reach) > distance[near]]
     along, excess = along[near], distance[near] - settings.radius
     count = int(np.ceil((segment.length + 0.5) / settings.slice))
     slot = np.clip(((along + 0.25) / settings.slice).astype(int), 0, count - 1)
@@ -175,11 +177,11 @@ def _stretches(flags: Mask, bridge: int) -> list[tuple[int, int]]:
     return [(int(where[a]), int(where[b])) for a, b in zip(starts, ends, strict=True)]
 
 
-def _distance_to(segment: Segment, points: Array) -> Array:
-    """Distance (N,) from the axis between its ends, inf beside them."""
+def _distance_to(segment: Segment, points: Array, beyond: float = 0.0) -> Array:
+    """Distance (N,) from the axis between its ends and so far (m) ``beyond`` them, inf beside it."""
     along = (points - segment.start) @ segment.direction
     off = points - segment.start - along[:, None] * segment.direction
-    distance: Array = np.where((along > 0) & (along < segment.length), np.linalg.norm(off, axis=1), np.inf)
+    distance: Array = np.where((along > -beyond) & (along < segment.length + beyond), np.linalg.norm(off, axis=1), np.inf)
     return distance
 
 
