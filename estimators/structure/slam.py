@@ -88,6 +88,9 @@ _AGAIN = 0.6
 """From another place more has to fit, for there any scan fits something."""
 _FEW = 3
 """So few observations near known features tell nothing of a scan."""
+_CONFIRMED = 3
+"""So many scans in a row must look as they should before anything new is taken in after one that did not: what is seen from a
+place that is in doubt would become a second layer of the map."""
 _DROP_AFTER = 3
 """A feature that was contradicted so often, and more often than it was seen, is dropped."""
 
@@ -118,6 +121,7 @@ class StructureFilter:
         self.covariance[2, 2] = s.start_depth**2
         self.features: dict[int, Feature] = {}
         self._next = 1
+        self._to_confirm = 0
 
     # ---- navigation
 
@@ -195,7 +199,11 @@ class StructureFilter:
         fitting = len({number for number, _, _ in pairs})
         joint = self._associated(pairs)
         matched, moved = len(joint.chosen), 0.0
-        if not _agree(matched, fitting, _MOST):
+        if _agree(matched, fitting, _MOST):
+            if fitting >= _FEW:
+                self._to_confirm = max(self._to_confirm - 1, 0)
+        else:
+            self._to_confirm = _CONFIRMED
             # the vehicle went another way than navigation says, or the scan is wrong: where would most of it fit?
             self.doubt(slice(0, 3), self.settings.jolt[0])
             self.doubt(slice(6, 9), self.settings.jolt[1])
@@ -304,8 +312,8 @@ class StructureFilter:
             if number in match:
                 continue
             near = {f.number for f in self.features.values() if f.line is not None and self._near_line(f, pose, segment, 1.0)}
-            if near:
-                beside |= near
+            beside |= near
+            if near or self._to_confirm:
                 continue
             line, by_vehicle = new_line(pose, segment)
             if self.settings.upright and not self._is_upright(line):
@@ -321,6 +329,8 @@ class StructureFilter:
             nearest, distance = self.nearest_point(position)
             if distance < self.settings.near_point:
                 beside.add(nearest)
+                continue
+            if self._to_confirm:
                 continue
             noise = pose.rotation @ sighting.covariance @ pose.rotation.T
             feature = self._append(None, position, by_vehicle, noise)

@@ -275,6 +275,21 @@ def test_a_vehicle_that_was_pushed_is_found_again_and_nothing_is_taken_in_twice(
     assert len(slam.features) == 6
 
 
+def test_nothing_new_is_taken_in_from_a_place_that_is_in_doubt() -> None:
+    """After a scan that fits only from elsewhere three have to look as they should before the map grows again."""
+    slam = mapped()
+    pushed = np.array([0.10, -0.12, 0.08])
+    segments, sightings = shown([-pushed])
+    more = _sighting(np.array([0.8, 0.8, 2.8]) - pushed)
+    assert not slam.scan(segments, (*sightings, more)).expected
+    for _ in range(2):
+        slam.scan(segments, (*sightings, more))
+        slam.scan((), (more,))  # shows nothing that is known, and so confirms nothing
+        assert len(slam.features) == 6
+    slam.scan(segments, (*sightings, more))
+    assert len(slam.features) == 7
+
+
 def test_a_scan_that_fits_from_nowhere_changes_nothing_but_how_sure_the_position_is() -> None:
     slam = mapped()
     directions = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]])
