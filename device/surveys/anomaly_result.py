@@ -85,6 +85,7 @@ def result_of(findings: PairFindings, colours: Sequence[RegionColour | None] = (
         "message": _UNSURE if unsure else _NO_SCALE.format(percent=100 * alike) if no_scale else "",
         "score_mm": _mm(findings.inward, 3),
         "outward_mm": _mm(findings.outward, 3),
+        "outward_of": round(findings.told, 4),
         "sure_inward_mm": _mm(findings.sure[0], 3),
         "width_mm": width,
         "width_interval_mm": width_interval,

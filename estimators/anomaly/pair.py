@@ -28,9 +28,10 @@ lost wall little is ever seen."""
 
 @dataclass(frozen=True)
 class PairFindings:
-    """What one pair tells. ``inward`` and ``outward`` (m) are eq. 18 of the RADIUS paper and its twin; ``offset_px`` the
-    disparity offset that the depths are by, ``offset_std_px`` how well it is known, ``own_offset`` whether this pair had to
-    find it. ``plain`` and ``sure`` (m): both scores with the noise in them, and without."""
+    """What one pair tells. ``inward`` and ``outward`` (m) are eq. 18 of the RADIUS paper and its twin, which is of the share
+    ``told`` of the wall; ``offset_px`` the disparity offset that the depths are by, ``offset_std_px`` how well it is known,
+    ``own_offset`` whether this pair had to find it. ``plain`` and ``sure`` (m): both means with the noise in them, and
+    without."""
 
     followed: FollowedWall
     points: PointDeviations
@@ -40,6 +41,7 @@ class PairFindings:
     regions: list[Region]
     inward: float
     outward: float
+    told: float
     bands: list[BandScore]
     anomalous: float
     offset_px: float
@@ -67,7 +69,7 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
     sure = sure_score(found, left_out)
     if misread(followed.wall.share, sure, float(np.median(found.radius))):
         raise Refused("not_smooth")
-    inward, outward = score(found, left_out)
+    inward, outward, told = score(found, left_out)
     visible = followed.usable.sum(axis=0) > _SEEN * (followed.ends.last - followed.ends.first)
     return PairFindings(
         followed,
@@ -78,6 +80,7 @@ def inspect_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoR
         regions,
         inward,
         outward,
+        told,
         band_scores(found, BAND_M, left_out),
         anomalous_share(found, regions),
         float(used.offset_px or 0.0),

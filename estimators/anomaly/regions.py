@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from estimators.anomaly.deviation import DeviationMap, Floats, smoothed
+from estimators.anomaly.evidence import speaks
 from estimators.anomaly.joints import Joint
 from estimators.anomaly.rows import row_medians
 
@@ -22,13 +23,7 @@ _GROWN = 0.5
 """A region grows down to this share of what begins one."""
 _LEAST_AREA_M2 = 4e-4
 """Less than one small window of the match covers in a common pipe: what is smaller is one window's error."""
-_LEAST_PATCH = 0.4
-"""Share of the windows that measured it which a region must fill: less is what one patch of the pictures says alone."""
 _LEAST_CELLS = 6
-_LEAST_GAIN = 0.08
-"""A region needs patches that agree better off the wall than on it, by this much correlation: else a smooth wall was misread,
-since the best of several answers agrees a little better by chance. What fills a part of its windows has so many fewer pixels to
-say so: the root of that share counts of it."""
 _INVERT = np.radians(50.0)
 """Half of the pipe's floor: deposits lie within it."""
 _SHADOW = 0.35
@@ -81,9 +76,7 @@ def find_regions(found: DeviationMap, joints: list[Joint]) -> list[Region]:
         for label in np.flatnonzero(seeded):
             cells = order[starts[label] : starts[label + 1]]
             area = float(found.area.ravel()[cells].sum())
-            filled = area / max(float(found.patch.ravel()[cells].mean()), 1e-12)
-            gain = float(found.gain.ravel()[cells].mean()) * min(1.0, filled**0.5)
-            if area < _LEAST_AREA_M2 or len(cells) < _LEAST_CELLS or filled < _LEAST_PATCH or gain < _LEAST_GAIN:
+            if area < _LEAST_AREA_M2 or len(cells) < _LEAST_CELLS or not speaks(found, cells):
                 continue
             regions.append(_region(found, smooth, sigma, cells, area, sign, joints))
     return sorted(regions, key=lambda region: -abs(region.volume))

@@ -18,9 +18,10 @@ from drivers.virtual.relief import Relief
 from drivers.virtual.rig import Pose
 from drivers.virtual.stereo_camera import StereoLens, StereoLook, StereoPainter
 from drivers.virtual.world import DEPOSIT, WALL, Joint, VirtualSewer
-from estimators.anomaly.deviation import PointDeviations, deviation_map
+from estimators.anomaly.deviation import DeviationMap, PointDeviations, deviation_map
 from estimators.anomaly.joints import ring_cells
 from estimators.anomaly.pair import PairFindings, inspect_pair
+from estimators.anomaly.score import lost_wall
 from estimators.stereo.follow import Refused
 from estimators.stereo.rig import StereoRig
 from tests.bench.table import print_table
@@ -160,7 +161,7 @@ def main() -> None:
     scores: list[NDArray[np.float32]] = []
     labels: list[NDArray[np.bool_]] = []
     volumes: list[tuple[float, float, float, float]] = []
-    others: list[tuple[float, float]] = []
+    others: list[tuple[float, float, float, float]] = []
     refused = 0
     seconds = []
     large, deep = Found(), Found()
@@ -180,10 +181,9 @@ def main() -> None:
             clear &= ~near_joint(one, findings)
         scores.append(np.abs(at.deviation[clear]))
         labels.append(np.abs(true.out[clear]) > _POSITIVE_M)
-        area = at.area * usable
-        inward, outward = ((area * np.maximum(sign * true.out, 0)).sum() / area.sum() for sign in (-1, 1))
-        volumes.append((findings.inward, float(inward), findings.outward, float(outward)))
-        others.append((findings.sure[0], findings.plain[1]))
+        outward = mean(at, true.out, usable & np.isfinite(lost_wall(at)))
+        volumes.append((findings.inward, mean(at, -true.out, usable), findings.outward, outward))
+        others.append((findings.sure[0], findings.plain[1], mean(at, true.out, usable), findings.told))
         for patch, its in zip(one.sewer.things, true.alone, strict=True):
             assert isinstance(patch, Patch)
             its = np.where(its * true.out > 0, its, 0.0)  # a hole that a deposit covers is none that can be seen
@@ -212,12 +212,23 @@ def main() -> None:
         ("false regions in clean pairs", f"{false} in {options.clean - clean_refused}", f"{clean_refused} refused"),
         ("false regions in smooth pipes", f"{smooth_false} in {options.smooth - smooth_refused}", f"{smooth_refused} refused"),
         ("Pearson, inward score and deposits", f"{pearson(columns[0], columns[1])}", f"{len(volumes)} pairs"),
-        ("Pearson, outward score and lost wall", f"{pearson(columns[2], columns[3])}", f"{refused} refused"),
+        (
+            "Pearson, outward score and lost wall",
+            f"{pearson(columns[2], columns[3])}",
+            f"of the wall that tells of losses, {np.nanmean(noisy[3]):.0%}; {refused} refused",
+        ),
+        ("Pearson, outward score and all wall lost", f"{pearson(columns[2], noisy[2])}", "of all wall that was measured"),
         ("Pearson, inward score beyond the noise", f"{pearson(noisy[0], columns[1])}", ""),
-        ("Pearson, outward score with the noise in it", f"{pearson(noisy[1], columns[3])}", ""),
+        ("Pearson, outward score with the noise in it", f"{pearson(noisy[1], noisy[2])}", ""),
         ("processor time a pair, s", f"{np.mean(seconds):.2f}", "960 x 600"),
     ]
     print_table("Virtual pairs", ("", "figure", ""), rows)
+
+
+def mean(at: DeviationMap, heights_m: NDArray[np.float32], cells: NDArray[np.bool_]) -> float:
+    """Volume per area of wall (m) of what is above 0 in ``cells``."""
+    area = at.area * cells
+    return float((area * np.maximum(heights_m, 0)).sum() / max(float(area.sum()), 1e-12))
 
 
 def near_joint(found: Scene, findings: PairFindings) -> NDArray[np.bool_]:
@@ -246,7 +257,9 @@ def count_false(first: int, count: int, make: object) -> tuple[int, int]:
 
 
 def pearson(one: NDArray[np.float64], other: NDArray[np.float64]) -> str:
-    """With its 95 % interval, by Fisher's transformation."""
+    """With its 95 % interval, by Fisher's transformation; of the pairs that have both."""
+    both = np.isfinite(one) & np.isfinite(other)
+    one, other = one[both], other[both]
     if len(one) < 4 or not one.std() or not other.std():
         return "-"
     found = float(np.corrcoef(one, other)[0, 1])

@@ -62,6 +62,7 @@ def pair_result(**other: Any) -> Json:
         "message": "",
         "score_mm": 0.712,
         "outward_mm": 0.301,
+        "outward_of": 0.62,
         "width_mm": 399.4,
         "width_interval_mm": [396.8, 402.1],
         "height_mm": None,

@@ -56,10 +56,11 @@ def test_the_score_is_the_mean_of_what_lies_inwards() -> None:
     found.deviation[:50] = -0.004
     found.deviation[50:75] = 0.008
     assert plain_score(found) == (pytest.approx(0.002), pytest.approx(0.002))
-    assert score(found) == (pytest.approx(0.002), pytest.approx(0.002, rel=0.03))  # edges are soft to what noise may explain
+    # edges are soft to what noise may explain
+    assert score(found) == (pytest.approx(0.002), pytest.approx(0.002, rel=0.03), pytest.approx(1.0))
     left_out = np.zeros(found.deviation.shape, bool)
     left_out[:50] = True
-    assert score(found, left_out) == (0.0, pytest.approx(0.004))
+    assert score(found, left_out) == (0.0, pytest.approx(0.004), pytest.approx(0.5))
 
 
 def test_noise_is_in_the_plain_score_alone() -> None:
@@ -71,6 +72,26 @@ def test_noise_is_in_the_plain_score_alone() -> None:
     found.deviation[40:60, 40:60] -= 0.01
     share = 400 / found.deviation.size
     assert sure_score(found)[0] == pytest.approx(0.01 * share, rel=0.1)
+
+
+def test_lost_wall_counts_where_the_pictures_speak_for_it_and_large_windows_tell_of_none() -> None:
+    found = flat()
+    found.deviation[40:60, 40:60] = 0.008
+    found.gain[:] = 0.02  # patches agree as well on the wall: a smooth one, misread
+    assert score(found)[1:] == (0.0, pytest.approx(1.0))
+    found.gain[40:60, 40:60] = 0.3
+    outward = score(found)[1]
+    assert outward == pytest.approx(0.008 * 400 / found.deviation.size, rel=0.05)
+    found.patch[70:] = 0.05 * 0.2**2  # nothing is said of these
+    assert score(found)[1:] == (pytest.approx(outward / 0.7), pytest.approx(0.7))
+    bands = band_scores(found, 0.25)
+    assert bands[1].outward > 0
+    assert np.isnan(bands[3].outward)
+    assert bands[3].inward == 0.0
+    found.patch[:] = 0.05 * 0.2**2
+    outward, told = score(found)[1:]  # of what is lost and its soft edges alone
+    assert outward * told == pytest.approx(0.008 * 400 / found.deviation.size, rel=0.05)
+    assert 400 / found.deviation.size <= told < 0.06
 
 
 def test_what_closes_the_pipe_is_no_deposit_and_a_deposit_before_it_is_one() -> None:
