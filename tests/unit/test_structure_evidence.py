@@ -10,7 +10,7 @@ from drivers.navigation.readings import Depth
 from drivers.navigation.scans import Scan
 from estimators.structure.coverage import Coverage
 from estimators.structure.handles import HIGH, LOW, NONE, handle_height
-from estimators.structure.objects_map import ObjectRecord
+from estimators.structure.objects_map import HIDDEN, ObjectRecord
 from estimators.structure.recognition import ports_likelihood
 from estimators.structure.types import CLASSES
 
@@ -99,6 +99,29 @@ def test_sightings_of_one_object_do_not_add_up_as_if_they_were_independent() -> 
         record.evidence = record.evidence + np.log([0.3, 0.1, 0.2, 0.1, 0.1, 0.2])
         record.seen_from.append(X)
     assert 0.8 < record.semantic().max() < 0.999
+
+
+def test_a_handle_that_is_never_seen_is_hidden_or_not_there() -> None:
+    """By hand: nothing above it in a hundred scans leaves a valve as likely as its handle is to be hidden."""
+    record = ObjectRecord()
+    bare, low_handle, high_handle = [0.9, 0.09, 0.01], [0.1, 0.89, 0.01], [0.1, 0.01, 0.89]
+    stands = np.array([low_handle, bare, bare, bare, high_handle, low_handle])
+    nothing, low = np.log(stands[:, 0]), np.log(stands[:, 1])
+    record.handles = 100 * nothing
+    record.seen_from = [X] * 100
+    assert record.semantic()[0] / record.semantic()[1] == pytest.approx(HIDDEN, rel=0.01)
+    record.handles = 40 * nothing + 60 * low
+    assert record.semantic()[[0, 5]].sum() > 0.5
+    assert record.semantic()[0] == pytest.approx(record.semantic()[5])
+    assert record.semantic()[4] < 0.01
+
+
+def test_single_and_fused_scans_of_the_same_sightings_count_once() -> None:
+    once = np.log([0.3, 0.1, 0.2, 0.1, 0.1, 0.2])
+    record = ObjectRecord(evidence=3 * once, fused=3 * once, seen_from=[X] * 3)
+    np.testing.assert_allclose(record.together(), record.semantic())
+    record.fused = 3 * np.log([0.5, 0.1, 0.1, 0.1, 0.1, 0.1])
+    assert record.semantic()[0] < record.together()[0]
 
 
 def test_scans_and_readings_come_out_in_the_order_of_their_times() -> None:
