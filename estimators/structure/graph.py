@@ -39,7 +39,7 @@ class MapPipe:
 
 @dataclass(frozen=True)
 class MapObject:
-    """``beliefs`` (6,) of the classes with semantics, from fused scans; ``bayes`` and ``semantic`` from single ones.
+    """``beliefs`` (6,) of the classes with semantics, from single and fused scans; ``bayes`` and ``semantic`` from single ones.
 
     ``orientation`` (3, 3): columns along the straight way, the branch and the stem, as far as pipes and handle tell them.
     """
