@@ -160,6 +160,9 @@ def _thickenings(
             continue  # half hidden: its middle is not the middle of what is seen
         if not inside and not (-0.2 < middle < segment.length + 0.2):
             continue
+        towards = number[max(0, first - 4) : first] if middle > segment.length / 2 else number[last + 1 : last + 5]
+        if not inside and towards.sum() < 6:
+            continue  # it begins where the pipe ends: beyond a gap it is something else's
         found.append(
             _Place(position, np.array(_leaving(segment, position, 0.1)).reshape(-1, 3), "inline" if inside else "end", segment)
         )

@@ -145,20 +145,17 @@ def test_objects_stand_where_pipes_meet_and_where_they_are_thick() -> None:
     assert len(parts.sightings) == 2
 
 
-def test_what_sits_at_the_end_of_one_pipe_is_not_at_the_end_of_another_that_points_past_it() -> None:
-    """A valve at the end of a level pipe, under the end of an upright one."""
+@pytest.mark.parametrize("level", [True, False])
+def test_what_sits_at_the_end_of_one_pipe_is_not_at_the_end_of_another_that_points_past_it(level: bool) -> None:
+    """A valve at the end of a level pipe, under the end of an upright one; without the level pipe as when it points away."""
     rng = np.random.default_rng(6)
     valve, half = np.array([0.0, 0.2, 2.5]), np.array([0.045, 0, 0])
-    points = np.vstack(
-        [
-            half_pipe(np.array([0.1, -0.7, 2.5]), np.array([0.1, 0.02, 2.5]), 0.004, rng),
-            half_pipe(np.array([-0.7, 0.2, 2.5]), np.array([-0.045, 0.2, 2.5]), 0.004, rng),
-            half_pipe(valve - half, valve + half, 0.004, rng, radius=0.0605),
-        ]
-    )
-    (seen,) = take_apart(points, rng).sightings
-    assert seen.kind == "end"
-    assert np.linalg.norm(seen.position - valve) < 0.04
+    upright = half_pipe(np.array([0.1, -0.7, 2.5]), np.array([0.1, 0.02, 2.5]), 0.004, rng)
+    body = half_pipe(valve - half, valve + half, 0.004, rng, radius=0.0605)
+    pipe = half_pipe(np.array([-0.7, 0.2, 2.5]), valve - half, 0.004, rng)
+    sightings = take_apart(np.vstack([upright, body, pipe] if level else [upright, body]), rng).sightings
+    assert [seen.kind for seen in sightings] == ["end"] * level
+    assert all(np.linalg.norm(seen.position - valve) < 0.04 for seen in sightings)
 
 
 def test_nothing_makes_no_parts() -> None:
