@@ -139,7 +139,7 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     coarse_passes = 1
     for turn in range(_MOST_PASSES):
         last = turn == coarse_passes
-        grid = unroll(wall, nearest, farthest, *((ANGLES, ROWS) if last else (ANGLES // 2, ROWS // 2)))
+        grid = pair.shown(unroll(wall, nearest, farthest, *((ANGLES, ROWS) if last else (ANGLES // 2, ROWS // 2))))
         start = _from_coarse(coarse, grid) if earlier is None else _carried(*earlier, grid)
         start = _better_start(pair, grid, start, misfit, width, height)
         if last:

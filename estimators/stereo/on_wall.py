@@ -8,7 +8,7 @@ noise / sqrt(sum of squared gradients), with the noise from what is left between
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,6 +20,8 @@ NORMAL_WIDTH = 960
 """Width (px) of the pictures that are resampled: texture finer than that is noise in common lenses."""
 _EVEN_WINDOW = 31
 _DARK = 4.0
+_BLANK = 3.0
+"""Rows and columns at a picture's edge with nothing brighter than this hold no picture."""
 WINDOWS = (17, 5), (27, 11), (41, 21)
 """Windows, in cells of the finest grid: around the pipe, along it. The smallest whose texture carries the shift answers. They
 are short along it: a camera that looks along the wall sees what is as long as wide foreshortened, most of all a hole."""
@@ -54,13 +56,22 @@ TRUSTED, OUTSIDE, SMOOTH, OCCLUDED = range(4)
 @dataclass(frozen=True)
 class EvenPair:
     """Both pictures (h, w) at about ``NORMAL_WIDTH``, every neighbourhood at mean 0 and deviation 1, and the right one's
-    gradients. ``step`` is the width of a pixel in pixels of the original."""
+    gradients. ``step`` is the width of a pixel in pixels of the original; ``part`` the rows and columns that hold a picture in
+    both."""
 
     left: Floats
     right: Floats
     along: Floats
     down: Floats
     step: float
+    part: tuple[slice, slice]
+
+    def shown(self, grid: Unrolled) -> Unrolled:
+        """``grid`` with nothing seen in the margins."""
+        seen = grid.seen.copy()
+        for place, within in zip((grid.y, grid.x), self.part, strict=True):
+            seen &= (place >= self.step * within.start) & (place < self.step * within.stop)
+        return replace(grid, seen=seen)
 
 
 @dataclass(frozen=True)
@@ -101,17 +112,33 @@ def even_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> EvenPair:
     factor = max(1, round(left.shape[1] / NORMAL_WIDTH))
     size = left.shape[1] // factor, left.shape[0] // factor
 
-    def even(picture: NDArray[np.uint8]) -> Floats:
-        grey = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    small = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32) for picture in (left, right)]
+    part = _pictured(np.minimum(*small))
+
+    def even(whole: Floats) -> Floats:
+        evened, grey = np.zeros_like(whole), np.ascontiguousarray(whole[part])
         window = (_EVEN_WINDOW, _EVEN_WINDOW)
         mean = cv2.blur(grey, window)
         variance = np.maximum(cv2.blur(grey * grey, window) - mean * mean, 0) + _DARK**2
-        return np.asarray((grey - mean) / np.sqrt(variance), dtype=np.float32)
+        evened[part] = (grey - mean) / np.sqrt(variance)
+        return evened
 
-    one, other = even(left), even(right)
+    one, other = (even(picture) for picture in small)
     along = cv2.Sobel(other, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     down = cv2.Sobel(other, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    return EvenPair(one, other, np.asarray(along, np.float32), np.asarray(down, np.float32), left.shape[1] / size[0])
+    return EvenPair(one, other, np.asarray(along, np.float32), np.asarray(down, np.float32), left.shape[1] / size[0], part)
+
+
+def _pictured(grey: Floats) -> tuple[slice, slice]:
+    """The rows and columns of a picture that hold one. Shifted and rectified pictures have black margins, often one of a pair
+    alone: their edges would be texture without a partner."""
+    parts = []
+    for axis, length in enumerate(grey.shape):
+        bright = np.flatnonzero(grey.max(axis=1 - axis) > _BLANK)
+        first, last = (int(bright[0]), int(bright[-1]) + 1) if len(bright) else (0, length)
+        # beside a margin the first row is half of it, since pictures are made smaller and compressed
+        parts.append(slice(first + (first > 0), last - (last < length)))
+    return parts[0], parts[1]
 
 
 def match_on_wall(

@@ -23,7 +23,7 @@ from estimators.anomaly.rows import row_medians
 from estimators.anomaly.score import band_scores, plain_score, score, sure_score
 from estimators.pinhole import Intrinsics
 from estimators.stereo.follow import Refused
-from estimators.stereo.on_wall import OCCLUDED, SMOOTH, TRUSTED
+from estimators.stereo.on_wall import OCCLUDED, SMOOTH, TRUSTED, even_pair
 from estimators.stereo.rig import StereoRig
 
 DIAMETER = 0.4
@@ -289,6 +289,16 @@ def test_the_unrolled_wall_has_rows_by_log_depth_and_cells_of_one_shape() -> Non
     assert (grid.row_of(np.array([-1.0, 0.0])) < 0).all()
 
 
+def test_nothing_is_seen_in_a_margin() -> None:
+    grid = looked(0.03).followed.grid
+    picture = np.full((600, 960), 90, np.uint8)
+    margin = picture.copy()
+    margin[580:] = 0
+    seen = even_pair(margin, picture).shown(grid).seen
+    np.testing.assert_array_equal(seen, grid.seen & (grid.y < 579))
+    assert seen.sum() < grid.seen.sum()
+
+
 def test_hidden_and_smooth_are_told_apart() -> None:
     state = looked(0.03).followed.match.state
     assert (state == TRUSTED).mean() > 0.3
@@ -328,3 +338,17 @@ def test_the_virtual_camera_drives_on() -> None:
     assert first.left.shape == (150, 240)
     assert not np.array_equal(first.left, second.left)
     assert camera.pose(1).chainage > camera.pose(0).chainage
+
+
+def test_the_black_margin_of_one_picture_is_no_texture_in_either() -> None:
+    """As if both had been cut there: the margin's edge has no partner."""
+    rng = np.random.default_rng(4)
+    left, right = rng.integers(20, 200, (2, 60, 80), np.uint8)
+    cut = even_pair(left[:50], right[:50])
+    left[50:], right[50:, 3] = 0, 255
+    whole = even_pair(left, right)
+    assert whole.part == (slice(0, 49), slice(0, 80))  # the row beside it may be half margin
+    assert not whole.left[49:].any()
+    assert not whole.right[49:].any()
+    np.testing.assert_allclose(whole.right[:25], cut.right[:25], atol=1e-5)
+    assert even_pair(np.zeros_like(left), right).part == (slice(0, 60), slice(0, 80))  # a dark picture has no margin
