@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 from drivers.base import BadFrame, DriverError, EndOfRecording, FrameTimeout, RecordingBroken, SensorLost, SensorMissing
-from drivers.depth.bounded import call_within
+from drivers.bounded import call_within
 from estimators.pinhole import DISTORTION_MODELS, Intrinsics
 
 log = logging.getLogger(__name__)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.base import DriverError, FrameTimeout, SensorLost, SensorMissing
-from drivers.depth.bounded import call_within
+from drivers.bounded import call_within
 from drivers.grabber.base import FrameGrabber, NoSignal, VideoFrame
 
 log = logging.getLogger(__name__)

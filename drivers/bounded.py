@@ -20,10 +20,38 @@ class _Outcome(Generic[Result]):
         self.error = error
 
 
+class _Caller:
+    """A thread that makes one call after the other. A thread for each call would cost memory that never comes back: OpenCV
+    keeps some 900 bytes of every thread that ever used it (its issue 19727), and a camera is asked for pictures for hours."""
+
+    def __init__(self) -> None:
+        self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        threading.Thread(target=self._run, name="camera call", daemon=True).start()
+
+    def make(self, call: Callable[[], None]) -> None:
+        """Make this call. Returns at once."""
+        self._calls.put(call)
+
+    def _run(self) -> None:
+        while True:
+            self._calls.get()()
+
+
+_idle: list[_Caller] = []
+"""Those that wait for a call. One whose call hangs is not among them until it comes back."""
+
+
+def _idle_caller() -> _Caller:
+    try:
+        return _idle.pop()
+    except IndexError:
+        return _Caller()
+
+
 def call_within(
     seconds: float, call: Callable[[], Result], sentence: str, undo: Callable[[Result], object] | None = None
 ) -> Result:
-    """``call()`` in a thread of its own, waited for at most ``seconds``; what it raises is raised here.
+    """``call()`` in another thread, waited for at most ``seconds``; what it raises is raised here.
 
     Raises SensorLost with ``sentence`` when the time is over. The call cannot be stopped, only left behind: when it comes back
     after all, ``undo`` is called there with its value, so that a pipeline that started too late does not keep the camera to
@@ -32,6 +60,7 @@ def call_within(
     outcomes: queue.SimpleQueue[_Outcome[Result]] = queue.SimpleQueue()
     lock = threading.Lock()
     abandoned = False
+    caller = _idle_caller()
 
     def run() -> None:
         try:
@@ -39,12 +68,16 @@ def call_within(
         except BaseException as error:  # noqa: BLE001 - carried over to the waiting thread and raised there
             outcome = _Outcome(None, error)
         with lock:
-            outcomes.put(outcome)
             late = abandoned
-        if late and undo is not None and outcome.error is None:
-            undo(outcome.value)  # type: ignore[arg-type] # None only where the call itself returned None
+            if not late:
+                _idle.append(caller)  # before anybody knows of the outcome: the next call is this thread's as well
+                outcomes.put(outcome)
+        if late:
+            if undo is not None and outcome.error is None:
+                undo(outcome.value)  # type: ignore[arg-type] # None only where the call itself returned None
+            _idle.append(caller)
 
-    threading.Thread(target=run, name="depth-camera-call", daemon=True).start()
+    caller.make(run)
     try:
         outcome = outcomes.get(timeout=seconds)
     except queue.Empty:
