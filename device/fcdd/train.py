@@ -28,6 +28,7 @@ from estimators.fcdd_training.folds import auroc, grouped_folds, threshold_for
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from estimators.fcdd_training.context import Telling
     from estimators.fcdd_training.network import Context, Fcdd
     from estimators.fcdd_training.training import Material
 
@@ -61,18 +62,19 @@ class Wanted:
     precision: float = 0.7
     as_int8: bool = False
     seed: int = 1
-    told_by: tuple[str, ...] | None = None
-    """Kinds of traits that tell every class, all alike; None for each class its own."""
+    told_by: Telling | None = None
+    """By what every class is told, all alike; None for each class its own."""
 
     def recipe(self) -> str:
         """A name for what scores depend on."""
         from estimators.fcdd_training.context import RIDGE, TOLD_BY, USUAL
+        from estimators.fcdd_training.network import EDGE
 
         told = (
-            *(USUAL, TOLD_BY, RIDGE, CONTEXT_SHARES, PLACED, self.classes.names),
+            *(USUAL, TOLD_BY, RIDGE, EDGE, CONTEXT_SHARES, PLACED, self.classes.names),
             None if self.boxes is None else self.boxes.name,
             *(self.rendered, self.versions, self.rendered_versions, self.folds, self.seed),
-            *(self.told_by or ()),
+            self.told_by,
         )
         return f"{self.by}_{hashlib.sha256(repr(told).encode()).hexdigest()[:10]}"
 
@@ -290,14 +292,14 @@ def export_weights(file: Path, out: Path, calibrate: Path | None) -> float:
     try:
         kept = torch.load(file, map_location="cpu", weights_only=True)
         card = card_of(kept["card"])
+        late = Fcdd(len(card.classes), int(kept["hidden"]))
+        late.head.load_state_dict(kept["head"])
     except FileNotFoundError:
         raise Invalid(f"There are no weights {file}.") from None
     except (OSError, KeyError, ValueError, RuntimeError, pickle.UnpicklingError):
         raise Invalid(f"The file {file} holds no weights of a training.") from None
     trunk = Trunk()
     trunk.load(pretrained())
-    late = Fcdd(len(card.classes), int(kept["hidden"]))
-    late.head.load_state_dict(kept["head"])
     whole = Whole(trunk, late).eval()
     tried = _trials(card.size)
     with torch.no_grad():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -20,15 +21,27 @@ VERSIONS = 2
 """Of each picture: plain and mirrored. Augmented ones made unseen archives no easier."""
 SLOPE = 2.0
 """Of the logit over the rule's output, which is +-1 for what it is sure of: sigmoid(2 x) has the slope of (1 + x) / 2 at 0."""
-USUAL: Mapping[str, float] = {"mean": 1.0, "deviation": 1.0, "own moments": 2.0}
-"""How much each kind of traits counts."""
-TOLD_BY: Mapping[str, Mapping[str, float]] = {
+
+
+@dataclass(frozen=True)
+class Telling:
+    """By what a class is told. ``counts`` says how much each kind of traits counts, ``inside`` that the border of the picture
+    is not looked at."""
+
+    counts: Mapping[str, float]
+    inside: bool = False
+
+
+USUAL = Telling({"mean": 1.0, "deviation": 1.0, "own moments": 2.0})
+TOLD_BY: Mapping[str, Telling] = {
     # what lies at the invert has another colour than the wall; how coarse it is tells less
-    "deposit": {"own moments": 1.0, "moments": 1.0},
-    # an edge and its shadow: neither colour nor light of the pipe
-    "displaced joint": {"own moments": 1.0},
+    "deposit": Telling({"own moments": 1.0, "moments": 1.0}),
+    # an edge and its shadow: neither colour nor light of the pipe; the near joint lies along the border
+    "displaced joint": Telling({"own moments": 1.0}),
+    "fracture": Telling(USUAL.counts, inside=True),
+    "roots": Telling({"own moments": 1.0}, inside=True),
 }
-"""The same for classes that are told otherwise."""
+"""Classes that are told otherwise than usual."""
 
 
 def traits_of(context: Context, material: Material, rows: NDArray[np.int64], versions: int, batch: int = 64) -> Floats:
@@ -57,11 +70,11 @@ def fit_context(
     shares: Floats,
     rows: NDArray[np.int64],
     names: tuple[str, ...],
-    told_by: Sequence[str] | None = None,
+    told_by: Telling | None = None,
 ) -> None:
     """Fits ``context``, whose textures are measured, to the pictures ``rows``; ``shares`` (n,) is how much each picture counts.
-    ``names`` are the classes of the first columns, which alone get a rule; ``told_by`` are kinds of traits that count alike for
-    all of them, None for what is usual. Every class weighs as much as all that is not it."""
+    ``names`` are the classes of the first columns, which alone get a rule; ``told_by`` is for all of them alike, None for each
+    its own. Every class weighs as much as all that is not it."""
     seen = torch.from_numpy(traits_of(context, material, rows, VERSIONS)).flatten(0, 1)
     share = torch.from_numpy(np.tile(shares[rows], VERSIONS)).float()
     share = share / share.sum()
@@ -73,8 +86,7 @@ def fit_context(
     for column, name in enumerate(names):
         if (material.labels[rows, column] * material.weights[rows, column] > 0).sum() < LEAST:
             continue
-        counts = TOLD_BY.get(name, USUAL) if told_by is None else dict.fromkeys(told_by, 1.0)
-        scale = _scale(context, counts)
+        scale = _scale(context, told_by or TOLD_BY.get(name, USUAL))
         weight, bias = _ridge(x * scale, labels[:, column], weights[:, column])
         with torch.no_grad():
             raw = SLOPE * weight * scale / spread
@@ -83,11 +95,11 @@ def fit_context(
             context.known[column] = 1.0
 
 
-def _scale(context: Context, counts: Mapping[str, float]) -> Tensor:
+def _scale(context: Context, telling: Telling) -> Tensor:
     """Of each trait (traits,): its kind counts as said, whatever the number of its traits."""
-    parts = [torch.full((size,), (counts.get(kind, 0.0) / size) ** 0.5) for kind, size in context.groups]
-    total = sum(counts.get(kind, 0.0) for kind, _ in context.groups)
-    return torch.cat(parts) / total**0.5
+    counts = [telling.counts.get(kind, 0.0) if inside == telling.inside else 0.0 for kind, inside, _ in context.groups]
+    parts = [torch.full((size,), (count / size) ** 0.5) for count, (*_, size) in zip(counts, context.groups, strict=True)]
+    return torch.cat(parts) / sum(counts) ** 0.5
 
 
 def _ridge(x: Tensor, labels: Floats, weights: Floats) -> tuple[Tensor, float]:

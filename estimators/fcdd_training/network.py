@@ -39,6 +39,9 @@ COMPONENTS = 24
 TRAITS = ("mean", "deviation", "own moments", "moments")
 """Of a tap: mean and deviation of its channels, second moments of its components about their own mean and about that of all
 pictures."""
+EDGE = (7, 10)
+"""Shares of height and width that are left out at each side where a class is looked for inside: texts, clocks and letterboxes,
+by which every archive can be known."""
 GAIN = 3.5
 """The slope of a map that is learnt from places: a sure cell (6) has an anomaly of 20."""
 
@@ -158,10 +161,13 @@ class Context(nn.Module):
         self.textures = nn.ModuleList(Texture(width) for width in widths)
         pairs = COMPONENTS * (COMPONENTS + 1) // 2
         self.groups = tuple(
-            (kind, size) for width in widths for kind, size in zip(TRAITS, (width, width, pairs, pairs), strict=True)
+            (kind, inside, size)
+            for inside in (False, True)
+            for width in widths
+            for kind, size in zip(TRAITS, (width, width, pairs, pairs), strict=True)
         )
-        """Kind and number of the traits, in their order."""
-        self.rule = nn.Linear(sum(size for _, size in self.groups), classes)
+        """Kind of the traits, whether they are those of the inside alone, and their number, in their order."""
+        self.rule = nn.Linear(sum(size for *_, size in self.groups), classes)
         self.register_buffer("known", torch.zeros(classes))
         nn.init.zeros_(self.rule.weight)
         nn.init.zeros_(self.rule.bias)
@@ -169,16 +175,24 @@ class Context(nn.Module):
     def traits(self, features: tuple[Tensor, ...]) -> Tensor:
         """(n, all of ``groups``)."""
         found: list[Tensor] = []
-        for texture, tap in zip(self.textures, features, strict=True):
-            mean = tap.mean(dim=(2, 3), keepdim=True)
-            spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
-            found.extend((mean[:, :, 0, 0], spread, *texture(tap)))
+        for taps in (features, tuple(_inside(tap) for tap in features)):
+            for texture, tap in zip(self.textures, taps, strict=True):
+                mean = tap.mean(dim=(2, 3), keepdim=True)
+                spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
+                found.extend((mean[:, :, 0, 0], spread, *texture(tap)))
         return torch.cat(found, dim=1)
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:
         """The logit (n, classes) of each class, 0 where there is no rule."""
         found: Tensor = self.rule(self.traits(features))
         return found
+
+
+def _inside(tap: Tensor) -> Tensor:
+    """``tap`` (n, channels, h, w) without its border."""
+    height, width = int(tap.shape[2]), int(tap.shape[3])
+    down, across = height // EDGE[0], width // EDGE[1]
+    return tap[:, :, down : height - down, across : width - across]
 
 
 class Places(nn.Module):

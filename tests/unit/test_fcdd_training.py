@@ -194,6 +194,21 @@ def test_moments_about_the_own_mean_do_not_know_the_colour_and_the_others_do() -
     assert float((about_all - brighter_all).abs().max()) > 0.1
 
 
+def test_traits_of_the_inside_do_not_see_the_border() -> None:
+    torch.manual_seed(6)
+    context = Context((80, 112, 320), 2)
+    plain = tuple(torch.randn(1, width, *size) for width, size in ((80, (15, 20)), (112, (15, 20)), (320, (8, 10))))
+    written = tuple(tap.clone() for tap in plain)
+    for tap, edge in zip(written, (2, 2, 1), strict=True):
+        tap[:, :, :edge] = tap[:, :, -edge:] = 5.0
+        tap[:, :, :, :edge] = tap[:, :, :, -edge:] = 5.0
+    with torch.no_grad():
+        alike = torch.isclose(context.traits(plain), context.traits(written))[0]
+    inside = torch.cat([torch.full((size,), inside) for _, inside, size in context.groups])
+    assert alike[inside].all()
+    assert not alike[~inside].any()
+
+
 def test_cells_that_are_covered_by_half() -> None:
     # of 4 x 4 cells the lower left quarter, and a strip that covers less than half of the cells beside it
     assert covered([(0, 0.5), (0.6, 0.5), (0.6, 1), (0, 1)], (4, 4)).tolist() == [
