@@ -19,7 +19,7 @@ from estimators.structure.types import PIPE_RADIUS, Array, Mask, Segment
 class PipeSettings:
     """``least_length`` is the paper's; ``tolerance``: distance of a moved point from the axis; ``noise``: of a point of the
     thinned cloud (m), for the covariance; ``gap``: length without surface beyond which a pipe is two; a ``least_piece`` of
-    surface counts. ``floor_offset`` (m) and ``floor_turn`` (rad): what no number of points takes away;
+    surface counts, longer than the end of a valve beside it is wide (0.12). ``floor_offset`` (m) and ``floor_turn`` (rad): what no number of points takes away;
     ``doubt_offset`` and ``doubt_turn`` where less than ``clean_share`` of what is seen is plain pipe."""
 
     radius: float = PIPE_RADIUS
@@ -27,7 +27,7 @@ class PipeSettings:
     tolerance: float = 0.014
     noise: float = 0.006
     gap: float = 0.27
-    least_piece: float = 0.08
+    least_piece: float = 0.13
     floor_offset: float = 0.0008
     floor_turn: float = 0.0010
     clean_share: float = 0.6
