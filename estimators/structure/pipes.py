@@ -19,8 +19,9 @@ from estimators.structure.types import PIPE_RADIUS, Array, Mask, Segment
 class PipeSettings:
     """``least_length`` is the paper's; ``tolerance``: distance of a moved point from the axis; ``noise``: of a point of the
     thinned cloud (m), for the covariance; ``gap``: length without surface beyond which a pipe is two; a ``least_piece`` of
-    surface counts, longer than the end of a valve beside it is wide (0.12). ``floor_offset`` (m) and ``floor_turn`` (rad): what no number of points takes away;
-    ``doubt_offset`` and ``doubt_turn`` where less than ``clean_share`` of what is seen is plain pipe."""
+    surface counts, longer than the end of a valve beside it is wide (0.12). ``floor_offset`` (m) and ``floor_turn`` (rad):
+    what no number of points takes away; ``doubt_offset`` and ``doubt_turn`` where less than ``clean_share`` of what is seen is
+    plain pipe."""
 
     radius: float = PIPE_RADIUS
     least_length: float = 0.30
