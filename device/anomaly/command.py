@@ -14,11 +14,11 @@ import numpy as np
 from device.anomaly.calibration import RigSource, load_calibration
 from device.anomaly.looking import Names, Pair, looking
 from device.anomaly.picture import deviation_overlay, heat_map
+from device.anomaly.result import inspect, refused
 from device.anomaly.rig import StereoEye, make_stereo
 from device.config import StereoSettings
 from device.errors import Invalid
 from device.json_text import dumps
-from device.surveys.anomaly_result import inspect, refused
 from drivers.base import DriverError
 from drivers.registry import open_stereo_camera
 from drivers.stereo.base import StereoFrame

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from device.anomaly.live import AnomalyLive, PairWorker
 from device.anomaly.rig import StereoEye
+from device.anomaly.survey import AnomalySurvey, reference_jpeg
+from device.anomaly.views import map_json, unpacked, wall_png
 from device.bus import Bus
 from device.config import StereoSettings
 from device.errors import Invalid, NotFound
@@ -15,9 +18,6 @@ from device.notify import Turns
 from device.pictures import PictureCache
 from device.recorder import Shelf
 from device.store import Store
-from device.surveys.anomaly import AnomalySurvey, reference_jpeg
-from device.surveys.anomaly_live import AnomalyLive, PairWorker
-from device.surveys.anomaly_views import map_json, unpacked, wall_png
 
 _JSON = dict[str, Any]
 NO_CAMERA = "This box has no stereo camera: name one in its settings."

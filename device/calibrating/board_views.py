@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from device.anomaly.result import grey
 from device.errors import Invalid
-from device.surveys.anomaly_result import grey
 from drivers.base import BadFrame, FrameTimeout, RecordingBroken, SensorLost
 from drivers.picture_folder import MANIFEST, read_manifest, read_picture
 from drivers.stereo.two_cameras import GrabberPair

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.anomaly.calibration import BoardCalibration, calibration_there, known_pipe_calibration, save_calibration
+from device.anomaly.result import grey
 from device.errors import Invalid
-from device.surveys.anomaly_result import grey
 from drivers.stereo.replay import pair_folder, read_pair
 from estimators.radial_profile.shape import shape_of
 from estimators.stereo.follow import Refused, follow_wall

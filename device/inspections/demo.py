@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from device.anomaly.scan import concluded
+from device.anomaly.survey import reference_jpeg
+from device.anomaly.work import Inspected, work
 from device.diameter.clouds import cloud_json
 from device.diameter.result import PipeContext, diameter_result
 from device.inspections.demo_chamber import map_chamber
@@ -11,9 +14,6 @@ from device.json_text import plain
 from device.landmarks.as_json import landmark_json
 from device.pictures import encode_jpeg, frame_jpeg
 from device.store import Kept, KeptLandmark, NewRecording, Store
-from device.surveys.anomaly import reference_jpeg
-from device.surveys.anomaly_scan import concluded
-from device.surveys.anomaly_work import Inspected, work
 from drivers.depth.base import DepthFrame
 from drivers.virtual.campaign import VirtualRecording
 from drivers.virtual.cctv import render

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from device.store import Store
+from device.structure.course import Course, CourseSetup
 from device.structure.run import VirtualChamber
-from device.surveys.structure import concluded, summary
-from device.surveys.structure_course import Course, CourseSetup
+from device.structure.survey import concluded, summary
 from drivers.virtual.chamber.structure import SMALL, load_structure
 
 SCANS = 12

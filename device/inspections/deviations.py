@@ -8,10 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from device.anomaly.views import unpacked, wall_png
 from device.inspections.model import AnomalySheet, Photo
 from device.pictures import encode_jpeg
 from device.store import Store
-from device.surveys.anomaly_views import unpacked, wall_png
 
 Region = Mapping[str, Any]
 

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from device.anomaly.scan import concluded, refused
+from device.anomaly.survey import moved
+from device.anomaly.work import Inspected, work
 from device.recorder.reader import Entry
 from device.recorder.samples import Picture
 from device.recorder.schemas import topic_name
-from device.surveys.anomaly import moved
-from device.surveys.anomaly_scan import concluded, refused
-from device.surveys.anomaly_work import Inspected, work
 from device.surveys.topics import PAIRS
 from estimators.pinhole import Intrinsics
 from estimators.stereo.rig import StereoRig

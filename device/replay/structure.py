@@ -6,8 +6,8 @@ from typing import Any
 
 from device.errors import Invalid
 from device.recorder.reader import Entry
-from device.surveys.structure import concluded
-from device.surveys.structure_course import Course, CourseSetup
+from device.structure.course import Course, CourseSetup
+from device.structure.survey import concluded
 from device.surveys.topics import CHAMBER
 from drivers.navigation.readings import Attitude, Depth, Velocity
 from drivers.navigation.scans import Scan

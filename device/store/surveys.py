@@ -47,7 +47,7 @@ class NewRecording:
     overlay: bytes | None = None
     """The colour picture with the deviations of an anomaly survey on it."""
     map: bytes | None = None
-    """Its unrolled wall, see ``device.surveys.anomaly_views``."""
+    """Its unrolled wall, see ``device.anomaly.views``."""
 
 
 class Surveys:

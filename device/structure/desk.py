@@ -11,7 +11,7 @@ from device.notify import Turns
 from device.recorder import Shelf
 from device.store import Store
 from device.structure.rig import ChamberRig
-from device.surveys.structure import StructureSurvey
+from device.structure.survey import StructureSurvey
 
 _JSON = dict[str, Any]
 FORMATS = ("json", "ply", "glb")

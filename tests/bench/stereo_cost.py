@@ -15,7 +15,7 @@ from pathlib import Path
 
 import cv2
 
-from device.surveys.anomaly_result import inspect
+from device.anomaly.result import inspect
 from drivers.stereo.replay import pair_folder, read_pair
 from estimators.stereo.rig import StereoRig
 from tests.bench.real_data import fail

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from device.anomaly.picture import deviation_overlay
-from device.surveys.anomaly_result import inspect
+from device.anomaly.result import inspect
 from drivers.stereo.replay import PairEntry, PairFolder, pair_folder, read_pair
 from estimators.anomaly.pair import PairFindings
 from estimators.radial_profile.shape import shape_of

@@ -12,11 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from device.anomaly.scan import concluded, refused
+from device.anomaly.views import cloud, map_json, packed, unpacked, wall_png
 from device.bus import Bus
 from device.errors import Busy, NotFound
 from device.prompts import PROMPTS
-from device.surveys.anomaly_scan import concluded, refused
-from device.surveys.anomaly_views import cloud, map_json, packed, unpacked, wall_png
 from estimators.anomaly.deviation import DeviationMap
 
 Json = dict[str, Any]
@@ -42,7 +42,7 @@ def deposit_map() -> DeviationMap:
 
 
 def pair_result(**other: Any) -> Json:
-    """What ``device.surveys.anomaly_result`` says of one pair of it."""
+    """What ``device.anomaly.result`` says of one pair of it."""
     region = {"area_mm2": 21500, "peak_mm": -24.6, "volume_cm3": -310.0, "z_m": 0.95, "clock": 6.0, "from_m": 0.8, "to_m": 1.1}
     stain = {"area_mm2": 900, "peak_mm": 5.2, "volume_cm3": 3.0, "z_m": 0.6, "clock": 2.5, "from_m": 0.57, "to_m": 0.63}
     bands = [

@@ -13,13 +13,13 @@ import pytest
 
 from device.anomaly.calibration import RigSource
 from device.anomaly.rig import StereoEye
+from device.anomaly.views import unpacked
 from device.clock import Clock
 from device.config import Settings
 from device.daemon import Device
 from device.feeds.feed import StereoFeed
 from device.recorder.export import export_recording
 from device.replay.survey import replay
-from device.surveys.anomaly_views import unpacked
 from device.workers import WorkerPool
 from drivers.stereo.replay import pair_folder, read_pair
 from drivers.virtual.landmarks import Patch

@@ -16,8 +16,8 @@ from device.daemon import Device
 from device.errors import Busy, Invalid
 from device.replay.survey import replay
 from device.store import Store
+from device.structure.course import Course, CourseSetup
 from device.structure.export import KINDS
-from device.surveys.structure_course import Course, CourseSetup
 from drivers.navigation.readings import Attitude
 from drivers.navigation.scans import Scan
 from drivers.virtual.chamber import structure

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from device.surveys.anomaly_result import clock, inspect, result_of, smooth_stretches
+from device.anomaly.result import clock, inspect, result_of, smooth_stretches
 from drivers.virtual.landmarks import Patch
 from drivers.virtual.profile import circular
 from drivers.virtual.rig import Pose

@@ -11,6 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from device.anomaly.scan import concluded, same
+from device.anomaly.survey import moved
+from device.anomaly.views import map_json, packed, unpacked
 from device.clock import Clock
 from device.export.base import Options
 from device.export.formats import files
@@ -19,9 +22,6 @@ from device.inspections.coding import observations
 from device.inspections.model import AnomalySheet, Inspection
 from device.inspections.rules import faults
 from device.store import NewRecording, Store
-from device.surveys.anomaly import moved
-from device.surveys.anomaly_scan import concluded, same
-from device.surveys.anomaly_views import map_json, packed, unpacked
 from tests.browser.fake_anomaly import CAMERA, deposit_map, pair_result, picture
 from tests.unit.inspections import whole
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from device.surveys.anomaly_result import _region
+from device.anomaly.result import _region
 from estimators.anomaly.colour import ATTACHED, RegionColour, named_by_colour, region_colours
 from estimators.anomaly.regions import Region
 from estimators.pinhole import Intrinsics, rays

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from device.surveys.in_order import InOrder
+from device.structure.in_order import InOrder
 from drivers.navigation.readings import Depth
 from drivers.navigation.scans import Scan
 from estimators.structure.coverage import Coverage

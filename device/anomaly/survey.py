@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.anomaly.calibration import RigSource
+from device.anomaly.live import LIMIT_S, AnomalyLive, PairWorker
 from device.anomaly.rig import StereoEye
+from device.anomaly.scan import concluded, refused
+from device.anomaly.work import Inspected
 from device.bus import Bus
 from device.errors import EstimateFailed
 from device.pictures import encode_jpeg
@@ -23,9 +26,6 @@ from device.recorder.samples import Words, picture
 from device.recorder.schemas import topic_name
 from device.recorder.versions import versions
 from device.store import NewRecording, Store
-from device.surveys.anomaly_live import LIMIT_S, AnomalyLive, PairWorker
-from device.surveys.anomaly_scan import concluded, refused
-from device.surveys.anomaly_work import Inspected
 from device.surveys.base import Cancelled, Job, Outcome, Survey
 from device.surveys.topics import FINDINGS, PAIRS, PROMPTED
 from drivers.grabber.base import VideoFrame

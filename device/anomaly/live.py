@@ -13,9 +13,9 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from device.anomaly.rig import StereoEye
+from device.anomaly.work import work
 from device.errors import Closed, DeviceError
 from device.prompts import PROMPTS
-from device.surveys.anomaly_work import work
 from device.workers import Workers
 
 log = logging.getLogger(__name__)

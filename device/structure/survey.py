@@ -20,9 +20,9 @@ from device.recorder.chamber import scan_as_recorded
 from device.recorder.samples import Words
 from device.recorder.versions import versions
 from device.store import Store
+from device.structure.course import Course, CourseSetup, verdict
+from device.structure.in_order import Event, InOrder
 from device.structure.rig import ChamberRig
-from device.surveys.in_order import Event, InOrder
-from device.surveys.structure_course import Course, CourseSetup, verdict
 from device.surveys.topics import CHAMBER, ENDED, FINDINGS, PROMPTED
 from drivers.navigation.scans import Scan
 

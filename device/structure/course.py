@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device.structure.database import shipped_knowledge
+from device.structure.in_order import Event
 from device.structure.rig import ChamberRig
 from device.structure.run import feed
 from device.structure.told import consistent, told
-from device.surveys.in_order import Event
 from drivers.navigation.readings import Attitude, Depth, Velocity
 from drivers.navigation.scans import Scan
 from estimators.structure.apart import for_radius

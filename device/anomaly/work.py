@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from device.anomaly.result import grey, inspect, refused
+from device.anomaly.views import Views, views
 from device.json_text import plain
 from device.prompts import PROMPTS
-from device.surveys.anomaly_result import grey, inspect, refused
-from device.surveys.anomaly_views import Views, views
 from estimators.stereo.glance import Glance, glance
 from estimators.stereo.rig import StereoRig
 
