@@ -125,6 +125,14 @@ def test_a_pipe_along_the_near_sides_of_two_valves_is_none() -> None:
     assert np.linalg.norm(np.cross(found.middle - [0, 0, 2.5], [1.0, 0, 0])) < 0.004
 
 
+def test_the_end_of_a_valve_beside_a_pipes_line_is_no_piece_of_the_pipe() -> None:
+    rng = np.random.default_rng(3)
+    pipe = half_pipe(np.array([0.2, -0.8, 2.5]), np.array([0.2, -0.1, 2.5]), 0.003, rng)
+    valve = half_pipe(np.array([0.2, 0.12, 2.5]), np.array([0.2, 0.23, 2.5]), 0.003, rng)
+    (found,) = _found(np.vstack([pipe, valve]), rng)
+    assert found.length == pytest.approx(0.7, abs=0.03)
+
+
 def test_objects_stand_where_pipes_meet_and_where_they_are_thick() -> None:
     rng = np.random.default_rng(4)
     corner = np.array([-0.6, 0.0, 2.5])
