@@ -4,11 +4,11 @@ import re
 from collections.abc import Callable
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.browser.conftest import Watched
 from tests.browser.fake_device import FakeDevice
-from tests.browser.fake_drive import SLIP
+from tests.browser.fake_drive import LENGTH_M, SLIP
 from tests.waiting import wait_until
 from web_ui.wording import CLASSES
 
@@ -276,6 +276,18 @@ def test_a_page_opened_in_the_middle_of_a_drive_shows_all_of_it(screen: Watched,
     page.get_by_role("button", name="Whole").click()
     expect(page.locator(".unrolled .landmark")).to_have_count(7)
     expect(page.locator("#map-follow")).to_have_attribute("aria-pressed", "false")
+
+
+def test_what_was_found_before_the_stream_began_is_shown(screen: Watched, device: FakeDevice) -> None:
+    def when_all_is_found(route: Route) -> None:
+        wait_until(lambda: device.drive.state()["chainage_m"] == LENGTH_M)
+        route.continue_()
+
+    device.drive.metres_per_second = 30.0
+    screen.page.route("**/api/v1/events*", when_all_is_found)
+    device.drive.begin(None)
+    page = screen.open("/drive")
+    expect(page.locator(".lm-row")).to_have_count(7, timeout=3000)  # before the map is asked for again anyway
 
 
 def test_without_a_stream_the_page_asks(watch: Callable[..., Watched], device: FakeDevice) -> None:

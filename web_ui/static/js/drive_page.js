@@ -319,6 +319,7 @@ for (const button of document.querySelectorAll("[data-close]")) button.addEventL
 byId("overlay-button").addEventListener("click", toggleOverlay);
 feed.on("drive", onDrive);
 feed.on("link", show);
+feed.on("stream", refreshMap); // what was found between the first map and the first event is in neither
 
 if (first.grabber)
   new PicturePoller(byId("cctv"), "drive", {

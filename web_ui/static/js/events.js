@@ -63,8 +63,10 @@ export class Feed {
     for (const name of NAMES) {
       source.addEventListener(name, (event) => {
         if (this.source !== source) return;
+        const begins = !this.streaming;
         this.streaming = true;
         this.hear();
+        if (begins) this.emit("stream");
         this.emit(name, JSON.parse(event.data));
       });
     }
