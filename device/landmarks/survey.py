@@ -65,11 +65,6 @@ class LandmarkSurvey:
         """Whether this box has a CCTV grabber and something that tells the distance."""
         return self._crawler.grabber is not None and (self._crawler.tether is not None or self._crawler.reader is not None)
 
-    @property
-    def busy(self) -> bool:
-        """Whether a drive is under way."""
-        return self._drive is not None
-
     def state(self) -> dict[str, Any]:
         """The drive, the CCTV and the tether at this moment, see ``web_ui.openapi``."""
         drive = self._drive

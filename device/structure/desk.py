@@ -67,11 +67,6 @@ class StructureDesk:
         """Raises Busy while this very survey goes on."""
         self._survey.refuse_if_scanning(survey_id)
 
-    @property
-    def busy(self) -> bool:
-        """Whether a survey is under way."""
-        return self._survey.busy
-
     # The operator's part
 
     def state(self) -> _JSON:

@@ -136,6 +136,8 @@ def _pictured(grey: Floats) -> tuple[slice, slice]:
     for axis, length in enumerate(grey.shape):
         bright = np.flatnonzero(grey.max(axis=1 - axis) > _BLANK)
         first, last = (int(bright[0]), int(bright[-1]) + 1) if len(bright) else (0, length)
+        if last - first < length // 2:
+            return slice(0, grey.shape[0]), slice(0, grey.shape[1])  # a black picture with some bright pixels
         # beside a margin the first row is half of it, since pictures are made smaller and compressed
         parts.append(slice(first + (first > 0), last - (last < length)))
     return parts[0], parts[1]

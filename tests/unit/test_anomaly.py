@@ -352,3 +352,6 @@ def test_the_black_margin_of_one_picture_is_no_texture_in_either() -> None:
     assert not whole.right[49:].any()
     np.testing.assert_allclose(whole.right[:25], cut.right[:25], atol=1e-5)
     assert even_pair(np.zeros_like(left), right).part == (slice(0, 60), slice(0, 80))  # a dark picture has no margin
+    hot = np.zeros_like(left)
+    hot[20, 30] = 255
+    assert even_pair(hot, hot).part == (slice(0, 60), slice(0, 80))  # nor has one with a hot pixel
