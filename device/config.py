@@ -23,7 +23,7 @@ def default_data_dir() -> Path:
     return (Path(base) if base else Path.home() / ".local" / "share") / "borescout"
 
 
-GrabberKind = Literal["none", "v4l2", "stream", "video", "stills", "virtual"]
+GrabberKind = Literal["none", "v4l2", "stream", "video", "stills", "stereo", "virtual"]
 EncoderKind = Literal["none", "qsb", "lci90", "modbus", "nmea", "pattern", "csv", "osd", "virtual"]
 
 
@@ -34,7 +34,7 @@ class CrawlerSettings(BaseModel):
 
     grabber: GrabberKind = "none"
     grabber_source: str = ""
-    """Device (/dev/video0), address of a stream, video file or folder of stills."""
+    """Device (/dev/video0), address of a stream, video file or folder of stills; "stereo" is the left picture of [stereo]."""
     grabber_options: dict[str, str | int | float] = {}
     """Further arguments of the driver, by name."""
     encoder: EncoderKind = "none"
@@ -119,6 +119,7 @@ class LampSettings(BaseModel):
 
 
 StereoKind = Literal["none", "realsense", "oak", "pair", "replay", "virtual"]
+LIVE_STEREO = ("realsense", "oak", "pair")
 
 
 class StereoSettings(BaseModel):

@@ -103,7 +103,8 @@ class Device:
             )
             rig = make_rig(settings.structure, settings.virtual_seed, self._feeds, self._changed.set)
             eye = eye or make_stereo(settings.stereo, settings.virtual_seed, self._changed.set)
-            self._crawler = (crawler or (lambda store: make_crawler(settings, store, self._changed.set)))(self._store)
+            pairs = None if eye is None else eye.feed
+            self._crawler = (crawler or partial(make_crawler, settings, pairs=pairs, on_change=self._changed.set))(self._store)
         except DeviceError:
             self._store.close()
             self._lock_file.close()

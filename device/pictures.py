@@ -77,6 +77,11 @@ def _palette(depth_unit_m: float) -> NDArray[np.uint8]:
     return colors
 
 
+def in_colour(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture (h, w), grey, or (h, w, 3) as BGR (h, w, 3)."""
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if picture.ndim == 2 else picture
+
+
 def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
     """JPEG of ``picture`` (h, w, 3), at most 640 pixels wide."""
     height, width = picture.shape[:2]

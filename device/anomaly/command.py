@@ -9,14 +9,13 @@ from typing import Any
 
 import click
 import cv2
-import numpy as np
 
 from device.anomaly.calibration import RigSource, load_calibration
 from device.anomaly.looking import Names, Pair, looking
-from device.anomaly.picture import deviation_overlay, heat_map
+from device.anomaly.picture import deviation_overlay, heat_map, reference_picture
 from device.anomaly.result import inspect, refused
 from device.anomaly.rig import StereoEye, make_stereo
-from device.config import StereoSettings
+from device.config import LIVE_STEREO, StereoSettings
 from device.errors import Invalid
 from device.json_text import dumps
 from drivers.base import DriverError
@@ -25,14 +24,11 @@ from drivers.stereo.base import StereoFrame
 from drivers.stereo.replay import pair_folder, read_pair
 from estimators.anomaly.pair import PairFindings
 
-PICTURE_WIDTH = 960
-LIVE = ("realsense", "oak", "pair")
-
 
 @click.command()
 @click.option("--replay", type=click.Path(path_type=Path), help="A folder of recorded pairs with a manifest.")
 @click.option("--virtual", is_flag=True, help="A stereo camera in the virtual sewer.")
-@click.option("--camera", type=click.Choice(LIVE), help="A stereo camera; pair: two plain cameras, with --left and --right.")
+@click.option("--camera", type=click.Choice(LIVE_STEREO), help="A stereo camera; pair: two plain ones, by --left and --right.")
 @click.option("--serial", help="With --camera: which one of several.")
 @click.option("--left", help="With --camera pair: the V4L2 device of the left camera, such as /dev/video0.")
 @click.option("--right", help="With --camera pair: the right one's.")
@@ -161,12 +157,9 @@ def _make(folder: Path) -> None:
 
 def _save(folder: Path, name: str, frame: StereoFrame, findings: PairFindings) -> None:
     """The reference picture with the deviation on it, and the unrolled wall."""
-    step = max(frame.left.shape[1] / PICTURE_WIDTH, 1.0)
-    size = round(frame.left.shape[1] / step), round(frame.left.shape[0] / step)
-    small = cv2.resize(frame.left, size, interpolation=cv2.INTER_AREA)
-    colour = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR) if small.ndim == 2 else small
+    reference, step = reference_picture(frame.left)
     drawn = {
-        f"{name}_overlay.png": deviation_overlay(np.asarray(colour, np.uint8), step, findings),
+        f"{name}_overlay.png": deviation_overlay(reference, step, findings),
         f"{name}_wall.png": heat_map(findings.map),
     }
     for file, picture in drawn.items():

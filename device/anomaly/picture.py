@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from device.pictures import in_colour
 from estimators.anomaly.deviation import DeviationMap
 from estimators.anomaly.pair import PairFindings
 
@@ -15,10 +16,18 @@ Picture = NDArray[np.uint8]
 FULL_SCALE_M = 0.010
 """Deviation at which the colour is full: red inwards, blue outwards."""
 _QUIET_M = 0.0015
+_WIDTH = 960
 _END_COLOUR = (0, 200, 255)
 _UNSEEN = (90, 90, 90)
 _HIDDEN = (200, 200, 200)
 _MARGIN = 46
+
+
+def reference_picture(left: Picture) -> tuple[Picture, float]:
+    """The left picture (H, W) or (H, W, 3) to draw on, in colour and at most 960 pixels wide, and how many times smaller."""
+    step = max(left.shape[1] / _WIDTH, 1.0)
+    size = round(left.shape[1] / step), round(left.shape[0] / step)
+    return in_colour(np.asarray(cv2.resize(left, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)), step
 
 
 def deviation_overlay(picture: Picture, step: float, findings: PairFindings) -> Picture:

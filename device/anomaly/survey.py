@@ -20,7 +20,7 @@ from device.anomaly.scan import concluded, refused
 from device.anomaly.work import Inspected
 from device.bus import Bus
 from device.errors import EstimateFailed
-from device.pictures import encode_jpeg
+from device.pictures import encode_jpeg, in_colour
 from device.recorder import Recorder, Shelf
 from device.recorder.samples import Words, picture
 from device.recorder.schemas import topic_name
@@ -181,7 +181,7 @@ class AnomalySurvey(Survey):
 
 def reference_jpeg(left: Picture) -> bytes:
     """The left picture for the page."""
-    return encode_jpeg(np.asarray(cv2.cvtColor(left, cv2.COLOR_GRAY2BGR) if left.ndim == 2 else left, dtype=np.uint8))
+    return encode_jpeg(in_colour(left))
 
 
 def moved(pictures: list[Picture]) -> bool:
@@ -195,8 +195,7 @@ def moved(pictures: list[Picture]) -> bool:
 def record_pair(recorder: Recorder, camera: str, frame: StereoFrame, source: RigSource) -> None:
     """Both pictures, without loss, and what they are read with."""
     for side, image in (("left", frame.left), ("right", frame.right)):
-        colour = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image
-        taken = VideoFrame(colour, frame.monotonic_ns, frame.number, None, frame.source)
+        taken = VideoFrame(in_colour(image), frame.monotonic_ns, frame.number, None, frame.source)
         recorder.write(topic_name("stereo", camera, side), picture(taken, lossless=True))
     rig = source.rig(frame)
     recorder.write(

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device.anomaly.picture import Picture, deviation_overlay, wall_colours
+from device.anomaly.picture import Picture, deviation_overlay, reference_picture, wall_colours
 from device.json_text import dumps
 from device.pictures import encode_jpeg
 from estimators.anomaly.deviation import DeviationMap
@@ -53,12 +53,9 @@ class Views:
 
 def views(left: Picture, findings: PairFindings) -> Views:
     """Of a pair with its reference picture (H, W) or (H, W, 3)."""
-    step = max(left.shape[1] / 960, 1.0)
-    size = round(left.shape[1] / step), round(left.shape[0] / step)
-    small = cv2.resize(left, size, interpolation=cv2.INTER_AREA)
-    colour = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR) if small.ndim == 2 else small, dtype=np.uint8)
-    overlay = deviation_overlay(colour, step, findings)
-    return Views(packed(findings.map), encode_jpeg(colour), encode_jpeg(overlay), cloud(findings.map))
+    reference, step = reference_picture(left)
+    overlay = deviation_overlay(reference, step, findings)
+    return Views(packed(findings.map), encode_jpeg(reference), encode_jpeg(overlay), cloud(findings.map))
 
 
 def packed(found: DeviationMap) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from device.feeds.feed import Feed, GrabberFeed
@@ -24,16 +24,17 @@ class Optics:
 @dataclass(frozen=True)
 class Crawler:
     """``tether`` is None where the distance is burned into the picture and read by what ``reader`` makes, or is not known at
-    all. ``detector`` makes one for each drive. ``begin`` is told that a drive begins and ``hold`` that it pauses: the virtual
-    crawler listens, a real one is driven from its own desk. ``radius`` (m) is that of a pipe that states none.
-    ``lamp`` lights the camera's picture, where the box can dim it. ``sparse``: the pictures are too far apart in time for flow.
+    all. ``detector`` makes one for each drive, whose beginning also asks for the ``optics``. ``begin`` is told that a drive
+    begins and ``hold`` that it pauses: the virtual crawler listens, a real one is driven from its own desk. ``radius`` (m) is
+    that of a pipe that states none. ``lamp`` lights the camera's picture, where the box can dim it. ``sparse``: the pictures
+    are too far apart in time for flow.
     """
 
     grabber: GrabberFeed | None = None
     tether: Tether | None = None
     reader: Callable[[], Encoder] | None = None
     detector: Callable[[], Detector] = NoDetector
-    optics: Optics = field(default_factory=Optics)
+    optics: Callable[[], Optics] = Optics
     radius: float | None = None
     lamp: Lamp | None = None
     sparse: bool = False

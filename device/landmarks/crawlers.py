@@ -6,12 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from device.config import CrawlerSettings, LampSettings, Settings
+from device.config import LIVE_STEREO, CrawlerSettings, LampSettings, Settings, StereoSettings
 from device.errors import Invalid
-from device.feeds.feed import EncoderFeed, GrabberFeed
+from device.feeds.feed import EncoderFeed, GrabberFeed, StereoFeed
 from device.feeds.reader import FeedTiming
 from device.landmarks.crawler import Crawler, Optics
 from device.landmarks.detectors import Detector
+from device.landmarks.left_picture import LeftPicture, optics_of
 from device.landmarks.pipeline import LEAST_RATE
 from device.landmarks.tether import Tether
 from device.store import Store
@@ -22,13 +23,15 @@ from drivers.grabber.base import FrameGrabber
 from drivers.grabber.paced import PacedGrabber
 from drivers.lamp.base import Lamp
 from drivers.registry import open_encoder, open_grabber, open_lamp
+from drivers.stereo.base import PairSettings
 
 _GRABBER_ARGUMENT = {"v4l2": "device", "stream": "url", "video": "file", "stills": "folder"}
 _RECORDED = ("video", "stills")
 
 
-def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]) -> Crawler:
-    """The crawler of the settings. Raises Invalid where they name what cannot be."""
+def make_crawler(settings: Settings, store: Store, pairs: StereoFeed | None, on_change: Callable[[], None]) -> Crawler:
+    """The crawler of the settings; ``pairs`` are those of the box's stereo camera. Raises Invalid where they name what cannot
+    be."""
     crawler = settings.crawler
     if crawler.grabber == "virtual" or crawler.encoder == "virtual":
         if (crawler.grabber, crawler.encoder) != ("virtual", "virtual"):
@@ -36,12 +39,12 @@ def make_crawler(settings: Settings, store: Store, on_change: Callable[[], None]
         from device.landmarks.virtual_crawler import virtual_crawler  # it draws in the whole virtual sewer
 
         return virtual_crawler(settings.virtual_seed, store, on_change)
-    rate = _recorded_rate(crawler)
+    rate = _pairs_rate(settings.stereo) if crawler.grabber == "stereo" else _recorded_rate(crawler)
     return Crawler(
-        grabber=_grabber(crawler, rate, on_change),
+        grabber=_left_picture(pairs, on_change) if crawler.grabber == "stereo" else _grabber(crawler, rate, on_change),
         tether=_tether(crawler, store, on_change),
         reader=_reader(crawler),
-        optics=Optics(crawler.focal_px, crawler.centre_px),
+        optics=partial(_optics, crawler, pairs),
         radius=crawler.radius_m,
         detector=partial(_detector, crawler.detect_every),
         lamp=make_lamp(settings.lamp),
@@ -79,8 +82,27 @@ def _recorded_rate(settings: CrawlerSettings) -> float | None:
         grabber.close()
 
 
+def _pairs_rate(settings: StereoSettings) -> float:
+    """Pairs a second, as asked."""
+    return float(settings.options.get("fps", PairSettings.fps)) if settings.driver in LIVE_STEREO else settings.rate_hz
+
+
 def _grabber_arguments(settings: CrawlerSettings) -> dict[str, Any]:
     return {_GRABBER_ARGUMENT[settings.grabber]: settings.grabber_source, **settings.grabber_options}
+
+
+def _optics(settings: CrawlerSettings, pairs: StereoFeed | None) -> Optics:
+    """What the settings say; of a stereo camera they need not."""
+    if settings.grabber == "stereo" and pairs is not None and settings.focal_px is None:
+        return optics_of(pairs)
+    return Optics(settings.focal_px, settings.centre_px)
+
+
+def _left_picture(pairs: StereoFeed | None, on_change: Callable[[], None]) -> GrabberFeed:
+    if pairs is None:
+        raise Invalid("The stereo grabber is the left picture of a stereo camera, and this box has none: name it in [stereo].")
+    make = partial(LeftPicture, pairs)
+    return GrabberFeed(make().name, "stereo", make, recorded=pairs.recorded, on_demand=True, on_change=on_change)
 
 
 def _grabber(settings: CrawlerSettings, rate: float | None, on_change: Callable[[], None]) -> GrabberFeed | None:

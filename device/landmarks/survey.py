@@ -123,13 +123,14 @@ class LandmarkSurvey:
             if radius_m is None:
                 dn = (pipe or {}).get("reference_dn")
                 radius_m = crawler.radius if dn is None else dn / 2000.0
-            setup = PipelineSetup(crawler.optics.focal, crawler.optics.centre, radius_m, sparse=crawler.sparse)
+            optics = crawler.optics()
+            setup = PipelineSetup(optics.focal, optics.centre, radius_m, sparse=crawler.sparse)
             pipe_id = None if pipe is None else pipe["id"]
             settings = {
                 "direction": direction,
                 "radius_m": radius_m,
-                "focal_px": crawler.optics.focal,
-                "centre_px": crawler.optics.centre,
+                "focal_px": optics.focal,
+                "centre_px": optics.centre,
                 "start_chainage_m": start_chainage_m or 0.0,
                 "encoder": self._encoder_json(),
                 "grabber": crawler.grabber.name,

@@ -136,7 +136,7 @@ def virtual_crawler(
         grabber=grabber,
         tether=Tether(feed, store.remembered, 1.0),
         detector=lambda: VirtualDetector(drive, moment),
-        optics=_optics(drive),
+        optics=lambda: _optics(drive),
         radius=drive.sewer.radius,
         lamp=lamp,
         begin=begin,

@@ -200,7 +200,7 @@ def _drive(folder: Path, run: _Run, recorded: bool, seconds: float) -> dict[str,
         camera = run.drive.camera
         run.feed = grabber
         optics = Optics((camera.fx, camera.fy), (camera.cx, camera.cy))
-        return Crawler(grabber, tether, None, shipped_detector, optics, run.drive.sewer.radius)
+        return Crawler(grabber, tether, None, shipped_detector, lambda: optics, run.drive.sewer.radius)
 
     settings = Settings(data_dir=folder, recording=RecordingSettings(enabled=recorded, keep_free_mb=100, stop_free_mb=100))
     device = Device(settings, feeds=[], pool=WorkerPool(1), clock=Clock(folder / "none"), crawler=crawler).start()

@@ -15,7 +15,7 @@ from device.anomaly.calibration import RigSource
 from device.anomaly.rig import StereoEye
 from device.anomaly.views import unpacked
 from device.clock import Clock
-from device.config import Settings
+from device.config import CrawlerSettings, Settings
 from device.daemon import Device
 from device.feeds.feed import StereoFeed
 from device.recorder.export import export_recording
@@ -45,12 +45,12 @@ def camera(**look: float) -> VirtualStereoCamera:
 
 
 @pytest.fixture
-def box(tmp_path: Path) -> Iterator[Callable[[VirtualStereoCamera], Device]]:
+def box(tmp_path: Path) -> Iterator[Callable[..., Device]]:
     made: list[Device] = []
 
-    def make(eye: VirtualStereoCamera) -> Device:
+    def make(eye: VirtualStereoCamera, **given: Any) -> Device:
         feed = StereoFeed(eye.name, "virtual", lambda: eye, timing=replace(TIMING, read_limit_s=10.0))
-        settings = Settings(data_dir=tmp_path, pin=PIN)
+        settings = Settings(data_dir=tmp_path, pin=PIN, **given)
         pool: Any = WorkerPool(0)
         device = Device(settings, feeds=[], pool=pool, clock=Clock(tmp_path / "none"), eye=StereoEye(feed, RigSource()))
         made.append(device.start())
@@ -124,6 +124,27 @@ def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], t
     pairs = pair_folder(tmp_path / "plain")
     assert [read_pair(pairs, entry).left.shape for entry in pairs.pairs] == [(400, 640, 3)] * 2
     assert (pairs.baseline_m, pairs.offset_px) == (0.06, 0.0)
+
+
+def test_one_camera_maps_the_drive_and_scans_the_wall(box: Callable[..., Device], tmp_path: Path) -> None:
+    way = tmp_path / "way.csv"
+    way.write_text("time_s,distance_m\n" + "".join(f"{k / 10},{k / 500}\n" for k in range(1200)))
+    device = box(camera(), crawler=CrawlerSettings(grabber="stereo", encoder="csv", encoder_port=str(way), radius_m=0.2))
+    wait_for(lambda: device.anomaly.state()["chainage_m"] is not None)
+    number = device.drive.begin(None, "downstream")["survey_id"]
+    wait_for(lambda: device.drive.state()["frames"] > 3)
+    found, _ = scanned(device, chainage=device.anomaly.state()["chainage_m"], pairs=1)
+    assert found["verdict"] == "accept"
+    assert len([one for one in found["regions"] if not one["expected"]]) == 1
+    before = device.drive.state()["frames"]
+    wait_for(lambda: device.drive.state()["frames"] > before)
+    device.drive.end(None)
+    wait_for(lambda: device.drive.state()["state"] == "idle")
+    driven = device.drive.map(number)
+    assert driven["state"] == "saved"
+    assert driven["settings"]["focal_px"] == [373.0, 373.0], "as the camera says of itself"
+    assert driven["settings"]["centre_px"] == [319.5, 199.5]
+    assert "left picture" in driven["settings"]["grabber"]
 
 
 def test_a_dark_lamp_is_refused_with_a_remedy_and_a_pulled_cable_told(box: Callable[..., Device]) -> None:

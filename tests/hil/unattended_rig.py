@@ -279,7 +279,7 @@ def box(folder: Path, tour: Tour, moment: TourTime) -> Device:
         feed = EncoderFeed("tour tether", "virtual", lambda: TourEncoder(tour, pacer), timing=TIMING)
         tether = Tether(feed, store.remembered, COUNTS_PER_METRE)
         optics = Optics((CAMERA.fx, CAMERA.fy), CENTRE)
-        return Crawler(grabber, tether, None, lambda: TourDetector(tour), optics, CAMERA.radius)
+        return Crawler(grabber, tether, None, lambda: TourDetector(tour), lambda: optics, CAMERA.radius)
 
     settings = Settings.model_validate(
         {

@@ -22,7 +22,7 @@ def crawler_of(folder: Path, **settings: object) -> Crawler:
     store = Store(folder / "data", Clock(folder / "no-clock"))
     try:
         crawler = CrawlerSettings.model_validate({"encoder": "osd", **settings})
-        return make_crawler(Settings(data_dir=folder / "data", crawler=crawler), store, lambda: None)
+        return make_crawler(Settings(data_dir=folder / "data", crawler=crawler), store, None, lambda: None)
     finally:
         store.close()
 
@@ -42,6 +42,11 @@ def test_stills_say_how_far_apart_they_are(tmp_path: Path, period_ms: int, spars
 def test_a_recording_that_is_not_there_yet_is_the_feeds_to_tell(tmp_path: Path) -> None:
     crawler = crawler_of(tmp_path, grabber="video", grabber_source=str(tmp_path / "nothing.mp4"))
     assert not crawler.sparse
+
+
+def test_a_box_without_a_stereo_camera_has_no_left_picture(tmp_path: Path) -> None:
+    with pytest.raises(Invalid, match=r"\[stereo\]"):
+        crawler_of(tmp_path, grabber="stereo")
 
 
 def test_an_option_that_no_driver_has_is_refused(tmp_path: Path) -> None:
