@@ -53,6 +53,10 @@ def blueprint(device: "Device") -> Blueprint:
     def found(number: int) -> Response:
         return jsonify(device.anomaly.found(number))
 
+    @anomaly.get(f"{_SURVEY}/along")
+    def along(number: int) -> Response:
+        return jsonify(device.anomaly.along(number))
+
     @anomaly.get(f"{_SURVEY}/<any(reference, overlay):what>.jpg")
     def view(number: int, what: str) -> Response:
         return _picture(device.anomaly.view(number, what), "image/jpeg")

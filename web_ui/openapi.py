@@ -100,6 +100,7 @@ ROUTES: dict[str, Told] = {
     "anomaly.cancel": Told("Cancel the scan", None, bodies.Empty),
     "anomaly.picture": Told("The newest picture of the stereo camera", JPEG),
     "anomaly.found": Told("What a scan found", answers.anomaly.AnomalyFound),
+    "anomaly.along": Told("What the scans of one go tell of the pipe together", answers.anomaly.Along),
     "anomaly.view": Told("The reference picture of a scan, without or with the deviations", JPEG),
     "anomaly.wall": Told("The unrolled wall of a scan in colours", PNG),
     "inspecting.inspections": Told("All inspections", list[answers.inspections.InspectionRow], query=wanted.InspectionQuery),

@@ -78,7 +78,8 @@ def blueprint(device: "Device") -> Blueprint:
     def result(number: int) -> str:
         survey, recording = device.survey(number), device.recordings.of(number)
         if survey["kind"] == "anomaly":
-            return render_template("anomaly_result.html", survey=survey, recording=recording)
+            along = device.anomaly.along(number)
+            return render_template("anomaly_result.html", survey=survey, along=along, recording=recording)
         if survey["kind"] == "landmarks":
             drive = device.drive.map(number)
             return render_template("map.html", survey=survey, map=drive, classes=wording.CLASSES, recording=recording)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from device.anomaly.along import joined, placed_scan
 from device.anomaly.live import AnomalyLive, PairWorker
 from device.anomaly.rig import StereoEye
 from device.anomaly.survey import AnomalySurvey, reference_jpeg
@@ -144,6 +145,19 @@ class AnomalyDesk:
             **(survey["result"] or {}),
             "map": None if kept is None else map_json(unpacked(kept)),
         }
+
+    def along(self, survey_id: int) -> _JSON:
+        """What the scans that were made in one go with this one, in the same pipe, tell together; see
+        ``device.anomaly.along.joined``. Raises NotFound."""
+        self._anomaly(survey_id)
+        stated = [self._store.surveys.get(number) for number in self._store.surveys.in_one_go(survey_id)]
+        return joined(
+            [
+                placed_scan(one["id"], one["result"], one["result"]["chainage_m"])
+                for one in stated
+                if one["result"] is not None and one["final_verdict"] == "accept"
+            ]
+        )
 
     def view(self, survey_id: int, what: str) -> bytes | None:
         """JPEG "reference" or "overlay" of a scan, or None. Raises NotFound."""

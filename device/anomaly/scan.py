@@ -80,13 +80,13 @@ def refused(code: str, camera: str, pairs: int, chainage: float | None) -> Resul
     }
 
 
-def same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether two regions of two pairs are of one thing: the same side of the wall, and next to each other."""
+def same(one: Mapping[str, Any], other: Mapping[str, Any], apart_m: float = _APART_M) -> bool:
+    """Whether two regions are of one thing: the same side of the wall, and no more than ``apart_m`` from each other."""
     if (one["peak_mm"] or 0) * (other["peak_mm"] or 0) <= 0:
         return False
     apart = max(one["from_m"], other["from_m"]) - min(one["to_m"], other["to_m"])
     around = abs((one["clock"] - other["clock"] + 6) % 12 - 6) - (one["width_hours"] + other["width_hours"]) / 2
-    return bool(apart <= _APART_M and around <= _APART_HOURS)
+    return bool(apart <= apart_m and around <= _APART_HOURS)
 
 
 def _placed(thing: Result, chainage: float | None) -> Result:

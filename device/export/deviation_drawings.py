@@ -42,16 +42,15 @@ def wall_drawing(sheet: AnomalySheet, jpeg: bytes, regions: Sequence[Mapping[str
     return drawing
 
 
-def score_drawing(sheets: Sequence[AnomalySheet], words: Mapping[str, str], width: float) -> Drawing | None:
-    """Mean deviation inwards (up) and outwards (down) of every band with a station, on one scale along the pipe; pale where
-    less than half was measured. None where no band has one."""
-    bands = [band for sheet in sheets for band in sheet.bands if band["from_m"] is not None and band["score_mm"] is not None]
+def score_drawing(bands: Sequence[Mapping[str, Any]], words: Mapping[str, str], width: float) -> Drawing | None:
+    """Mean deviation inwards (up) and outwards (down) of every band, on one scale along the pipe; pale where less than half
+    was measured. None where there is no band."""
     if not bands:
         return None
     height, middle = 34 * mm, 20 * mm
     reach = 12 * mm
     first, last = min(band["from_m"] for band in bands), max(band["to_m"] for band in bands)
-    most = max(_LEAST_MM, *(max(band["score_mm"], band["outward_mm"] or 0.0) for band in bands))
+    most = max(_LEAST_MM, *(max(band["score_mm"] or 0.0, band["outward_mm"] or 0.0) for band in bands))
     drawing = Drawing(width, height)
 
     def at(metres: float) -> float:

@@ -304,7 +304,7 @@ def _anomalies(inspection: Inspection, options: Options, words: dict[str, str]) 
     for sheet in inspection.scans:
         if sheet.verdict == "accept":
             found.append(KeepTogether(_scan(sheet, inspection, options, words)))
-    chart = score_drawing([sheet for sheet in inspection.scans if sheet.verdict == "accept"], words, _WIDTH)
+    chart = score_drawing(inspection.bands, words, _WIDTH)
     if chart is not None:
         found.append(KeepTogether([_paragraph(words["score"], _SMALL), chart]))
     head = tuple(words[k] for k in ("number", "station", "class", "clock", "peak", "area", "belief"))

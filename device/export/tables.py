@@ -73,8 +73,9 @@ _DEVIATION = (
     "expected",
     "confidence",
     "seen_in",
+    "seen_from",
 )
-_BAND = ("survey", "from_m", "to_m", "score_mm", "outward_mm", "measured")
+_BAND = ("from_m", "to_m", "score_mm", "outward_mm", "measured", "sees_mm2", "surveys")
 
 
 def csv_tables(inspection: Inspection, options: Options) -> dict[str, bytes]:
@@ -115,14 +116,7 @@ def csv_tables(inspection: Inspection, options: Options) -> dict[str, bytes]:
         "deviations.csv": table(
             _DEVIATION, [{name: _cell(one.get(name)) for name in _DEVIATION} for one in inspection.anomalies]
         ),
-        "deviation_scores.csv": table(
-            _BAND,
-            [
-                {name: _cell(value) for name, value in {"survey": sheet.survey, **band}.items()}
-                for sheet in inspection.scans
-                for band in sheet.bands
-            ],
-        ),
+        "deviation_scores.csv": table(_BAND, [{name: _cell(band[name]) for name in _BAND} for band in inspection.bands]),
     }
 
 
@@ -136,4 +130,6 @@ def json_document(inspection: Inspection, options: Options) -> bytes:
 
 
 def _cell(value: object) -> str:
+    if isinstance(value, (list, tuple)):
+        return " ".join(map(_cell, value))
     return "" if value is None else str(value)

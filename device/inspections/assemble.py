@@ -9,11 +9,12 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from device.anomaly.along import PlacedScan, joined
 from device.config import sentence
 from device.errors import Invalid
 from device.inspections import instruments
 from device.inspections.coding import numbered, observations
-from device.inspections.deviations import Region, deviations
+from device.inspections.deviations import deviations
 from device.inspections.model import (
     AnomalySheet,
     Cloud,
@@ -40,7 +41,7 @@ def assemble(store: Store, number: int) -> Inspection:
     clouds: list[Cloud] = []
     structures: list[Mapping[str, Any]] = []
     scans: list[AnomalySheet] = []
-    regions: list[Region] = []
+    placed: list[PlacedScan] = []
     made_with: list[Instrument] = []
     for survey in kept["surveys"]:
         survey_id = survey["survey_id"]
@@ -61,12 +62,13 @@ def assemble(store: Store, number: int) -> Inspection:
             scanned = deviations(store, survey_id, survey["station_m"], _file_name(pipe.name))
             if scanned is not None:
                 scans.append(scanned[0])
-                regions += scanned[1]
+                placed.append(scanned[1])
                 photos += scanned[2]
                 made_with.append(instruments.stereo_camera(survey_id, store.surveys.get(survey_id)["result"]))
         elif survey["kind"] == "structure":
             structures.append(store.structures.map(survey_id))
             made_with.append(instruments.scanner(survey_id, structures[-1]))
+    along = joined(placed)
     inspection = Inspection(
         number=number,
         site=site["name"],
@@ -82,7 +84,9 @@ def assemble(store: Store, number: int) -> Inspection:
         diameters=tuple(diameters),
         clouds=tuple(clouds),
         landmarks=tuple(landmarks),
-        anomalies=tuple(regions),
+        anomalies=tuple(along["regions"]),
+        joints=tuple(along["joints"]),
+        bands=tuple(along["bands"]),
         scans=tuple(scans),
         structures=tuple(structures),
         instruments=tuple(made_with),

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from device.inspections.codes import of_class
-from device.inspections.model import AnomalySheet, DiameterSheet, Inspection, Observation
+from device.inspections.model import DiameterSheet, Inspection, Observation
 
 LONG_M = 0.5
 """From this extent along the pipe on, an observation is a continuous defect with a beginning and an end."""
@@ -41,7 +41,7 @@ def observations(inspection: Inspection) -> tuple[Observation, ...]:
         *_landmarks(inspection.landmarks),
         *_deformations(inspection.diameters),
         *_regions(inspection.anomalies),
-        *_displaced(inspection.scans),
+        *_displaced(inspection.joints),
     ]
     inside = [one for one in found if 0 <= one.station <= length + 1e-9]
     start = Observation(0.0, "BCD", remark=inspection.start.name)
@@ -154,7 +154,7 @@ def _regions(regions: Iterable[Mapping[str, Any]]) -> list[Observation]:
     return found
 
 
-def _displaced(scans: Iterable[AnomalySheet]) -> list[Observation]:
+def _displaced(joints: Iterable[Mapping[str, Any]]) -> list[Observation]:
     """Joints whose second pipe is displaced by enough to be coded."""
     return [
         Observation(
@@ -164,11 +164,10 @@ def _displaced(scans: Iterable[AnomalySheet]) -> list[Observation]:
             q1=round(float(joint["offset_mm"])),
             clock_from=hour(joint.get("offset_clock")),
             at_joint=True,
-            source=f"survey {sheet.survey}",
+            source=f"survey {joint['survey']}",
         )
-        for sheet in scans
-        for joint in sheet.joints
-        if sheet.verdict == "accept" and joint["chainage_m"] is not None and (joint.get("offset_mm") or 0.0) >= DISPLACED_MM
+        for joint in joints
+        if joint["chainage_m"] is not None and (joint.get("offset_mm") or 0.0) >= DISPLACED_MM
     ]
 
 

@@ -1,4 +1,4 @@
-"""The anomaly surveys of an inspection: a sheet of each, its regions along the pipe, and its two pictures."""
+"""The anomaly surveys of an inspection: a sheet of each with its two pictures, and what they found, joined along the pipe."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ from typing import Any
 import cv2
 import numpy as np
 
+from device.anomaly.along import PlacedScan, placed_scan
 from device.anomaly.views import unpacked, wall_png
 from device.inspections.model import AnomalySheet, Photo
 from device.pictures import encode_jpeg
 from device.store import Store
 
-Region = Mapping[str, Any]
-
 
 def deviations(
     store: Store, survey_id: int, station: float | None, pipe: str
-) -> tuple[AnomalySheet, list[Region], list[Photo]] | None:
+) -> tuple[AnomalySheet, PlacedScan, list[Photo]] | None:
     """Of one survey; None where it has no result. ``station`` (m) as the inspection states it counts more than what was said
-    at the scan; ``pipe`` begins the names of the photos."""
+    at the scan; ``pipe`` begins the names of the photos. A scan that was refused tells nothing of the pipe."""
     stated = store.surveys.get(survey_id)
     result = stated["result"]
     if result is None:
@@ -46,16 +45,15 @@ def deviations(
         far=result.get("far_m"),
         unconfirmed=result.get("unconfirmed", 0),
         height_mm=_height(result),
-        joints=tuple(_placed(joint, stands) for joint in result["joints"]),
-        bands=tuple(_band(band, stands) for band in result["bands"]),
         picture=names[0] if overlay is not None else "",
         wall=names[-1] if kept is not None else "",
     )
-    regions: list[Region] = [
-        {**_placed(region, stands), "survey": survey_id, "number": number, "height_mm": sheet.height_mm, "photo": sheet.picture}
-        for number, region in enumerate(result["regions"], 1)
-    ]
-    return sheet, regions if sheet.verdict == "accept" else [], photos
+    if sheet.verdict != "accept":
+        return sheet, PlacedScan([], [], []), photos
+    placed = placed_scan(survey_id, result, stands)
+    for region in placed.regions:
+        region |= {"height_mm": sheet.height_mm, "photo": sheet.picture}
+    return sheet, placed, photos
 
 
 def _height(result: Mapping[str, Any]) -> float | None:
@@ -64,15 +62,3 @@ def _height(result: Mapping[str, Any]) -> float | None:
         return float(result["height_mm"])
     fitted = result.get("profile_height_mm")
     return None if fitted is None else float(fitted)
-
-
-def _placed(thing: Mapping[str, Any], station: float | None) -> dict[str, Any]:
-    return {**thing, "chainage_m": None if station is None else round(station + thing["z_m"], 3)}
-
-
-def _band(band: Mapping[str, Any], station: float | None) -> dict[str, Any]:
-    along = {"from_m": band["first_m"], "to_m": band["last_m"]}
-    return {
-        **{key: None if station is None else round(station + value, 3) for key, value in along.items()},
-        **{key: band[key] for key in ("score_mm", "outward_mm", "measured")},
-    }

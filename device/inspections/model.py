@@ -97,8 +97,7 @@ class DiameterSheet:
 class AnomalySheet:
     """One scan of the anomaly survey from ``station`` on (m, None where nobody said): mean deviations inwards and outwards,
     share of the wall in view that was measured, ``near`` and ``far`` (m ahead) between which it was, regions that one pair saw
-    alone, the pipe's height (None where it cannot be believed). ``joints`` and ``bands`` as JSON with their stations;
-    ``picture`` and ``wall`` are names of photos."""
+    alone, the pipe's height (None where it cannot be believed). ``picture`` and ``wall`` are names of photos."""
 
     survey: int
     verdict: str
@@ -111,8 +110,6 @@ class AnomalySheet:
     far: float | None = None
     unconfirmed: int = 0
     height_mm: float | None = None
-    joints: tuple[Mapping[str, Any], ...] = ()
-    bands: tuple[Mapping[str, Any], ...] = ()
     picture: str = ""
     wall: str = ""
 
@@ -143,8 +140,8 @@ class Instrument:
 @dataclass(frozen=True)
 class Inspection:
     """One inspection of one pipe. ``crs`` is the EPSG number of the nodes' coordinates; ``date`` is ISO 8601, None where the
-    box did not know it; ``landmarks``, ``anomalies`` (regions of the scans in ``scans``) and ``structures`` are what the
-    surveys state, as JSON."""
+    box did not know it; ``landmarks`` and ``structures`` are what the surveys state, as JSON; ``anomalies`` (regions),
+    ``joints`` and ``bands`` what the ``scans`` state together, see ``device.anomaly.along``."""
 
     number: int
     site: str
@@ -162,6 +159,8 @@ class Inspection:
     clouds: tuple[Cloud, ...] = ()
     landmarks: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()
+    joints: tuple[Mapping[str, Any], ...] = ()
+    bands: tuple[Mapping[str, Any], ...] = ()
     scans: tuple[AnomalySheet, ...] = ()
     structures: tuple[Mapping[str, Any], ...] = ()
     instruments: tuple[Instrument, ...] = ()

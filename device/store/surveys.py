@@ -17,6 +17,7 @@ from device.store.places import pipe_json
 
 QUESTIONS = ("image_good", "cloud_is_pipe", "fit_aligned")
 _DAY_MS = 86_400_000
+_GO_MS = _DAY_MS // 2
 _IDENTITY = ("camera", "position", "diameter_mm", "frames")
 """What a conclusion leaves as it was in the result it was drawn from."""
 _DRIVE_FIELDS = ("landmarks", "from_m", "to_m", "frames", "seconds")
@@ -159,6 +160,22 @@ class Surveys:
             ).fetchall()
             return [_summary(row, _operator(connection, row["id"])) for row in rows]
 
+    def in_one_go(self, survey_id: int) -> list[int]:
+        """The surveys of the same kind in the same pipe that were made in one go with this one, in their order. One without a
+        pipe stands alone. Raises NotFound."""
+        with self._database.read() as connection:
+            wanted = survey_row(connection, survey_id)
+            rows = connection.execute(
+                "SELECT * FROM surveys WHERE kind = ? AND pipe_id = ? AND NOT deleted ORDER BY id",
+                (wanted["kind"], wanted["pipe_id"]),
+            ).fetchall()
+        goes: list[list[int]] = []
+        for before, one in zip([None, *rows], rows, strict=False):
+            if before is None or not _in_one_go(before, one):
+                goes.append([])
+            goes[-1].append(one["id"])
+        return next((go for go in goes if survey_id in go), [survey_id])
+
     def get(self, survey_id: int) -> dict[str, Any]:
         """One survey with everything but its clouds and pictures. Raises NotFound."""
         with self._database.read() as connection:
@@ -296,6 +313,13 @@ class Surveys:
                 " WHERE created_ms IS NULL AND boot_id = ?",
                 (now_ms - self._clock.monotonic_ns() // 1_000_000, self._clock.source, self._clock.boot_id),
             )
+
+
+def _in_one_go(before: sqlite3.Row, one: sqlite3.Row) -> bool:
+    """Within half a day of each other; where the box did not know the date, since the same start of it."""
+    if before["created_ms"] is None or one["created_ms"] is None:
+        return bool(before["boot_id"] == one["boot_id"])
+    return bool(abs(one["created_ms"] - before["created_ms"]) <= _GO_MS)
 
 
 def begin_survey(connection: sqlite3.Connection, clock: Clock, kind: str, pipe_id: int | None) -> int:

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from device.anomaly.along import joined, placed_scan
 from device.anomaly.scan import concluded, refused
 from device.anomaly.views import cloud, map_json, packed, unpacked, wall_png
 from device.bus import Bus
@@ -198,6 +199,11 @@ class FakeAnomaly:
         told = {key: survey[key] for key in ("kind", "state", "created", "pipe")}
         whole = map_json(unpacked(packed(deposit_map()))) if survey["result"]["fitted"] else None
         return {"survey_id": survey_id, **told, **survey["result"], "map": whole}
+
+    def along(self, survey_id: int) -> Json:
+        self._survey(survey_id)
+        placed = [placed_scan(number, one["result"], one["result"]["chainage_m"]) for number, one in self.surveys.items()]
+        return joined(placed)
 
     def view(self, survey_id: int, what: str) -> bytes | None:
         self._survey(survey_id)

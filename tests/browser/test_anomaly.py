@@ -21,6 +21,8 @@ def test_from_the_menu_to_a_finding(screen: Watched, device: FakeDevice) -> None
     expect(page.locator("#aim-matched")).to_have_text("88 %")
     expect(page.locator("#aim-aside")).to_have_text("13 % of the radius, low and left")
     page.select_option("#pipe", str(pipe["id"]))
+    expect(page.locator("#chainage")).to_have_value("12.34")  # as the tether counts, until somebody says otherwise
+    page.fill("#chainage", "12,5")
     page.click("#chainage-tether")
     expect(page.locator("#chainage")).to_have_value("12.34")
     page.fill("#chainage", "12,0")
@@ -44,6 +46,20 @@ def test_from_the_menu_to_a_finding(screen: Watched, device: FakeDevice) -> None
     expect(page.locator("#cloud canvas")).to_be_focused()
     page.goto(f"{screen.root}/surveys")
     expect(page.locator(".row").first).to_contain_text("1 deviation")
+
+
+def test_scans_of_one_go_are_joined_along_the_pipe(screen: Watched, device: FakeDevice) -> None:
+    first, second, _ = (device.anomaly.add(chainage=station) for station in (12.0, 12.6, 15.0))
+    page = screen.open(f"/surveys/{first}")
+    along = page.get_by_role("region", name="Along the pipe", exact=True)
+    expect(along).to_contain_text("3 scans in one go, from 12.3 to 16.5 m")
+    expect(along).to_contain_text("Not scanned from 14.1 to 15.3 m.")
+    places = along.locator("#along-regions li")
+    expect(places).to_have_count(3)  # each stands as far ahead of its camera
+    expect(along.locator("#along .inward")).to_have_count(42)
+    expect(page.get_by_text("Stand at 13.8 m for the next scan")).to_be_visible()
+    along.get_by_role("link", name=str(second)).click()
+    expect(page).to_have_url(f"{screen.root}/surveys/{second}")
 
 
 def test_a_smooth_wall_a_lost_camera_and_a_cancelled_scan(watch: Callable[..., Watched], device: FakeDevice) -> None:

@@ -33,11 +33,11 @@ from tests.pairing import PIN
 SMALL = StereoLens(Intrinsics(640, 400, 373.0, 373.0, 319.5, 199.5), 0.06)
 
 
-def camera(**look: float) -> VirtualStereoCamera:
-    """Stands still in a pipe of 400 mm with 40 mm of deposit on its invert."""
+def camera(start: float = 0.3) -> VirtualStereoCamera:
+    """Stands still in a pipe of 400 mm, ``start`` (m) from its begin, with 40 mm of deposit on its invert."""
     deposit = Patch(0.85, 1.15, np.pi / 2, 0.35, 0.04)
     sewer = VirtualSewer(circular(0.4), 6.0, things=(deposit,))
-    eye = VirtualStereoCamera(StereoPainter(sewer, SMALL, StereoLook(**look), 3), seed=3, dwell=10_000, rate_hz=8.0)
+    eye = VirtualStereoCamera(StereoPainter(sewer, SMALL, StereoLook(), 3), start, seed=3, dwell=10_000, rate_hz=8.0)
     eye.open()
     eye.read(PATIENCE_S)  # painting takes its time, on a busy machine longer than a driver may
     eye.close()
@@ -124,6 +124,26 @@ def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], t
     pairs = pair_folder(tmp_path / "plain")
     assert [read_pair(pairs, entry).left.shape for entry in pairs.pairs] == [(400, 640, 3)] * 2
     assert (pairs.baseline_m, pairs.offset_px) == (0.06, 0.0)
+
+
+def test_a_deposit_scanned_from_two_places_is_one(box: Callable[..., Device]) -> None:
+    device = box(camera())
+    device.set_clock(1_795_000_000_000)
+    pipe = device.places.create_pipe({"name": "P1"})["id"]
+    first, _ = scanned(device, pipe_id=pipe, chainage=0.3, pairs=1)
+    device.close()
+    device = box(camera(start=0.55))
+    device.set_clock(1_795_000_060_000)
+    second, _ = scanned(device, pipe_id=pipe, chainage=0.57, pairs=1)  # the tether is 2 cm off
+    along = device.anomaly.along(second["survey_id"])
+    assert along == device.anomaly.along(first["survey_id"])
+    assert along["surveys"] == [first["survey_id"], second["survey_id"]]
+    (deposit,) = [one for one in along["regions"] if not one["expected"]]
+    assert sorted(deposit["seen_from"]) == along["surveys"]
+    assert deposit["chainage_m"] == pytest.approx(1.0, abs=0.08)
+    assert along["gaps"] == []
+    worst = max(along["bands"], key=lambda band: band["score_mm"] or 0.0)
+    assert 0.8 <= worst["from_m"] <= 1.1
 
 
 def test_one_camera_maps_the_drive_and_scans_the_wall(box: Callable[..., Device], tmp_path: Path) -> None:

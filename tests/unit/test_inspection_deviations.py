@@ -19,7 +19,7 @@ from device.export.base import Options
 from device.export.formats import files
 from device.inspections.assemble import assemble
 from device.inspections.coding import observations
-from device.inspections.model import AnomalySheet, Inspection
+from device.inspections.model import Inspection
 from device.inspections.rules import faults
 from device.store import NewRecording, Store
 from tests.browser.fake_anomaly import CAMERA, deposit_map, pair_result, picture
@@ -32,8 +32,7 @@ def region(kind: str, peak: float, clock: float = 6.0, **other: object) -> dict[
 
 
 def coded(*regions: dict[str, object], joints: tuple[dict[str, object], ...] = ()) -> list[tuple[object, ...]]:
-    sheet = AnomalySheet(4, "accept", (), 14.0, 0.7, 0.3, 0.9, joints=joints)
-    inspection = replace(whole(), landmarks=(), diameters=(), anomalies=regions, scans=(sheet,))
+    inspection = replace(whole(), landmarks=(), diameters=(), anomalies=regions, joints=joints)
     return [(o.code, o.ch1, o.q1, o.clock_from, o.clock_to) for o in observations(inspection)[1:-1]]
 
 
@@ -50,7 +49,8 @@ def test_what_is_expected_or_unsure_is_listed_and_not_coded() -> None:
 
 
 def test_only_a_joint_displaced_by_a_centimetre_is_coded() -> None:
-    joints = ({"chainage_m": 15.2, "offset_mm": 14.6, "offset_clock": 4.0}, {"chainage_m": 16.0, "offset_mm": 4.0})
+    joint = {"survey": 4, "chainage_m": 15.2, "offset_mm": 14.6, "offset_clock": 4.0}
+    joints = (joint, {**joint, "chainage_m": 16.0, "offset_mm": 4.0})
     assert coded(joints=joints) == [("BAJ", "B", 15, 4, None)]
 
 
@@ -121,7 +121,7 @@ def test_a_scan_goes_out_with_the_inspection_in_every_format(scanned: Inspection
     assert scanned.photo(deposit.photo) is not None
     tables = files("csv", scanned, Options())
     rows = list(csv.DictReader(io.StringIO(tables["deviations.csv"].decode("utf-8-sig"))))
-    assert [(row["kind"], row["chainage_m"]) for row in rows] == [("deposit", "12.95"), ("loss", "12.6")]
+    assert [(row["kind"], row["chainage_m"]) for row in rows] == [("loss", "12.6"), ("deposit", "12.95")]
     bands = list(csv.DictReader(io.StringIO(tables["deviation_scores.csv"].decode("utf-8-sig"))))
     assert (len(bands), bands[0]["from_m"]) == (12, "12.3")
     told = json.loads(files("json", scanned, Options())["inspection.json"])

@@ -48,6 +48,39 @@ class Region(Answer):
     chainage_m: float | None
 
 
+class AlongBand(Answer):
+    """Some decimetres of pipe as all scans of them tell together; `surveys` are these scans."""
+
+    from_m: float
+    to_m: float
+    score_mm: float | None
+    outward_mm: float | None
+    measured: float
+    sees_mm2: float | None
+    surveys: list[int]
+
+
+class Stretch(Answer):
+    """From where to where along the pipe."""
+
+    from_m: float
+    to_m: float
+
+
+class Along(Answer):
+    """What the scans of one go tell of a pipe together: each region and joint once (`seen_from` which surveys), `gaps` that
+    none measured, `next_m` where the camera stands next, to fill the first gap or to go on."""
+
+    from_m: float | None
+    to_m: float | None
+    surveys: list[int]
+    bands: list[AlongBand]
+    gaps: list[Stretch]
+    regions: list[Region]
+    joints: list[dict[str, Any]]
+    next_m: float | None
+
+
 class AnomalyMap(Answer):
     """The unrolled wall in few cells: rows from near to far, angles from 9 o'clock over 12 to 9; null where not measured."""
 

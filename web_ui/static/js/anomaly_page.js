@@ -114,10 +114,24 @@ function showView() {
 function onState(state) {
   seen.state = state;
   seen.at = now();
-  const tether = byId("chainage-tether");
-  tether.hidden = state.chainage_m === null;
+  followTether();
   running.heard(state);
   showView();
+}
+
+// --- where the camera stands ----------------------------------------------------------------------------------------------------
+
+// The field follows the tether until somebody says otherwise.
+let follows = true;
+function followTether() {
+  const counted = seen.state?.chainage_m ?? null;
+  byId("chainage-tether").hidden = counted === null || follows;
+  if (follows && counted !== null && !running.on) byId("chainage").value = counted.toFixed(2);
+}
+
+function setFollows(on) {
+  follows = on;
+  followTether();
 }
 
 // --- scanning -------------------------------------------------------------------------------------------------------------------
@@ -130,7 +144,8 @@ const asked = () => ({
 // --- wiring ---------------------------------------------------------------------------------------------------------------------
 
 byId("start").addEventListener("click", () => running.start(asked, Number(byId("anomaly").dataset.pairs)));
-byId("chainage-tether").addEventListener("click", () => (byId("chainage").value = seen.state.chainage_m.toFixed(2)));
+byId("chainage").addEventListener("input", () => setFollows(false));
+byId("chainage-tether").addEventListener("click", () => setFollows(true));
 feed.on("anomaly", onState);
 feed.on("measurement", (event) => running.event(event));
 feed.on("prompt", (prompt) => running.prompt(prompt));

@@ -2,6 +2,7 @@
 
 import { ticks } from "./box_plot.js";
 import { byId, data, html, localTimes, svg, wake } from "./dom.js";
+import { scoreChart } from "./score_chart.js";
 import { startShell } from "./shell.js";
 import { openCloud, startDeletion } from "./survey_page.js";
 
@@ -11,7 +12,7 @@ const RIGHT = 352;
 const TOP = 8;
 const BOTTOM = 248;
 
-const { id, result } = data("survey-data");
+const { id, result, along } = data("survey-data");
 const start = result?.chainage_m ?? 0;
 
 // Across the drawing 6, 9, 12, 3 and 6 o'clock, as on the map of a drive; the share of the way from the left.
@@ -54,29 +55,6 @@ function box(region, number, up) {
   return parts;
 }
 
-// Bars per band: inwards upwards, outwards downwards; where less than half was measured the ground is grey.
-function bands() {
-  const [middle, reach] = [90, 74];
-  const most = Math.max(1, ...result.bands.flatMap((band) => [band.score_mm ?? 0, band.outward_mm ?? 0]));
-  const [first, last] = [result.bands[0].first_m, result.bands[result.bands.length - 1].last_m];
-  const right = (metres) => LEFT + ((metres - first) / (last - first)) * (RIGHT - LEFT);
-  const parts = [];
-  for (const band of result.bands) {
-    const [x, width] = [right(band.first_m), right(band.last_m) - right(band.first_m)];
-    const [inward, outward] = [band.score_mm ?? 0, band.outward_mm ?? 0].map((value) => (value / most) * reach);
-    if (band.measured < 0.5) parts.push(svg("rect", { x, y: middle - reach, width, height: 2 * reach, class: "unmeasured" }));
-    parts.push(svg("rect", { x: x + 1, y: middle - inward, width: Math.max(width - 2, 1), height: inward, class: "inward" }));
-    parts.push(svg("rect", { x: x + 1, y: middle, width: Math.max(width - 2, 1), height: outward, class: "outward" }));
-  }
-  parts.push(svg("path", { d: `M${LEFT} ${middle}H${RIGHT}`, class: "axis" }));
-  for (const [y, text] of [[middle - reach + 4, most.toFixed(1)], [middle + 4, "0"], [middle + reach + 4, most.toFixed(1)]]) parts.push(svg("text", { x: LEFT - 5, y, "text-anchor": "end" }, text));
-  parts.push(svg("text", { x: RIGHT, y: middle - reach + 4, "text-anchor": "end" }, "inwards, mm"), svg("text", { x: RIGHT, y: middle + reach + 4, "text-anchor": "end" }, "outwards, mm"));
-  const { values, digits } = ticks(start + first, start + last, 4);
-  for (const value of values) parts.push(svg("text", { x: right(value - start), y: middle + reach + 22, "text-anchor": right(value - start) > RIGHT - 12 ? "end" : "middle" }, value.toFixed(digits)));
-  parts.push(svg("text", { x: 2, y: middle + reach + 22 }, "m"));
-  return svg("svg", { viewBox: `0 0 ${WIDTH} ${middle + reach + 28}`, role: "img", "aria-label": "Mean deviation inwards and outwards in each band along the pipe; the table below has the numbers" }, parts);
-}
-
 function showPicture(kind) {
   byId("picture").src = `/api/v1/surveys/${id}/anomaly/${kind}.jpg`;
   for (const name of ["overlay", "reference"]) byId(`show-${name}`).setAttribute("aria-pressed", String(name === kind));
@@ -87,7 +65,9 @@ localTimes();
 startDeletion(id);
 if (result?.fitted) {
   byId("wall").replaceChildren(wall());
-  byId("bands").replaceChildren(result.bands.length ? bands() : html("p", {}, "No band was measured."));
+  const bands = result.bands.map((band) => ({ ...band, from_m: start + band.first_m, to_m: start + band.last_m }));
+  byId("bands").replaceChildren(bands.length ? scoreChart(bands) : html("p", {}, "No band was measured."));
+  if (along.surveys.length > 1) byId("along").replaceChildren(scoreChart(along.bands));
   byId("show-overlay").addEventListener("click", () => showPicture("overlay"));
   byId("show-reference").addEventListener("click", () => showPicture("reference"));
   byId("cloud-show").addEventListener("click", () => openCloud(id));
