@@ -32,6 +32,8 @@ from estimators.anomaly.pair import PairFindings
 @click.option("--serial", help="With --camera: which one of several.")
 @click.option("--left", help="With --camera pair: the V4L2 device of the left camera, such as /dev/video0.")
 @click.option("--right", help="With --camera pair: the right one's.")
+@click.option("--fps", type=click.IntRange(1, 90), help="With --camera: pairs a second to ask for.")
+@click.option("--codec", help="With --camera pair: four letters such as MJPG, where both cameras share a slow bus.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="With --virtual: which sewer.")
 @click.option("--pairs", type=click.IntRange(1), help="How many pairs: 6 with --virtual, until Ctrl-C with --camera.")
 @click.option("--calibration", type=click.Path(path_type=Path), help="A file of borescout calibrate stereo.")
@@ -44,6 +46,8 @@ def anomaly(
     serial: str | None,
     left: str | None,
     right: str | None,
+    fps: int | None,
+    codec: str | None,
     seed: int,
     pairs: int | None,
     calibration: Path | None,
@@ -54,12 +58,14 @@ def anomaly(
     asked = (replay is not None) + virtual + (camera is not None)
     if asked != 1:
         raise Invalid(("Choose one of" if asked else "Say what to look at:") + " --replay, --virtual or --camera.")
-    if camera is None and (serial or left or right):
-        raise Invalid("The options --serial, --left and --right go with --camera.")
+    asked_of_camera = {"serial": serial, "fps": fps, "codec": codec}
+    options = {name: value for name, value in asked_of_camera.items() if value is not None}
+    if camera is None and (options or left or right):
+        raise Invalid("The options --serial, --left, --right, --fps and --codec go with --camera.")
     cv2.setNumThreads(1)  # the box has other things to do
     eye: StereoEye | None = None
     if camera is not None:
-        eye = _eye(camera, serial, left, right, calibration)
+        eye = _eye(camera, left, right, calibration, options)
         source = eye.source
         frames = looking(eye.feed, pairs)
     else:
@@ -112,13 +118,13 @@ class _Told:
         click.echo(dumps(found) if self._as_json else _line(found))
 
 
-def _eye(camera: str, serial: str | None, left: str | None, right: str | None, calibration: Path | None) -> StereoEye:
+def _eye(camera: str, left: str | None, right: str | None, calibration: Path | None, options: dict[str, Any]) -> StereoEye:
     given = {
         "driver": camera,
         "left": left or "",
         "right": right or "",
         "calibration": calibration,
-        "options": {} if serial is None else {"serial": serial},
+        "options": options,
     }
     eye = make_stereo(StereoSettings.model_validate(given), 0, lambda: None)
     assert eye is not None  # a driver was named

@@ -32,7 +32,9 @@ def make_stereo(settings: StereoSettings, seed: int, on_change: Callable[[], Non
         return None
     source = RigSource(None if settings.calibration is None else load_calibration(settings.calibration))
     make = partial(open_stereo_camera, kind, **_arguments(settings, source, seed))
-    return StereoEye(StereoFeed(_checked(make, kind).name, kind, make, recorded=kind == "replay", on_change=on_change), source)
+    return StereoEye(
+        StereoFeed(_checked(make, settings).name, kind, make, recorded=kind == "replay", on_change=on_change), source
+    )
 
 
 def _arguments(settings: StereoSettings, source: RigSource, seed: int) -> dict[str, Any]:
@@ -58,16 +60,17 @@ def _arguments(settings: StereoSettings, source: RigSource, seed: int) -> dict[s
     return {**paced, "folder": settings.source, "loop": True, "calibrated": source.lenses}
 
 
-def _checked(make: Callable[[], StereoCamera], kind: str) -> StereoCamera:
+def _checked(make: Callable[[], StereoCamera], settings: StereoSettings) -> StereoCamera:
     """A slip of the operator's is told now, before anything is started."""
     try:
         camera = make()
-        if kind == "replay":
+        if settings.driver == "replay":
             camera.open()  # its manifest can be read
             camera.close()
     except (DriverError, ValueError) as error:
         text = str(error).rstrip(".")
         raise Invalid(f"{text[:1].upper()}{text[1:]}.") from None
     except TypeError:
-        raise Invalid(f"The stereo driver {kind} has not all of the options that [stereo] names.") from None
+        named = ", ".join(settings.options)
+        raise Invalid(f"The stereo driver {settings.driver} does not know all of its options: {named}.") from None
     return camera

@@ -103,7 +103,7 @@ def test_two_plain_cameras_are_made_of_their_devices_and_their_calibration(board
         ({"driver": "pair", "left": "/dev/video0", "right": "/dev/video0"}, "which two cameras"),
         ({"driver": "pair", "left": "/dev/video0", "right": "/dev/video1"}, "need a calibration by a board"),
         ({"driver": "realsense", "options": {"laser_power": 2}}, "Laser power must be between 0 and 1"),
-        ({"driver": "oak", "options": {"colour": 1}}, "has not all of the options"),
+        ({"driver": "oak", "options": {"colour": 1}}, "does not know all of its options: colour"),
         ({"driver": "replay"}, "which folder"),
     ],
 )
