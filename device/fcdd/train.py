@@ -67,11 +67,11 @@ class Wanted:
 
     def recipe(self) -> str:
         """A name for what scores depend on."""
-        from estimators.fcdd_training.context import RIDGE, TOLD_BY, USUAL
-        from estimators.fcdd_training.network import EDGE
+        from estimators.fcdd_training.context import TOLD_BY, USUAL
+        from estimators.fcdd_training.network import BROAD, EDGE, NEWTON
 
         told = (
-            *(USUAL, TOLD_BY, RIDGE, EDGE, CONTEXT_SHARES, PLACED, self.classes.names),
+            *(USUAL, TOLD_BY, EDGE, BROAD, NEWTON, CONTEXT_SHARES, PLACED, self.classes.names),
             None if self.boxes is None else self.boxes.name,
             *(self.rendered, self.versions, self.rendered_versions, self.folds, self.seed),
             self.told_by,

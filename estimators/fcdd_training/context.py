@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from estimators.fcdd_training.network import Context
+from estimators.fcdd_training.network import MOMENTS, TAPS, Context
 from estimators.fcdd_training.training import Floats, Material
 
 RIDGE = 1.5e-3
@@ -25,19 +25,22 @@ SLOPE = 2.0
 
 @dataclass(frozen=True)
 class Telling:
-    """By what a class is told. ``counts`` says how much each kind of traits counts, ``inside`` that the border of the picture
-    is not looked at."""
+    """By what a class is told. ``counts`` says how much each kind of traits counts, ``taps`` of which depths of the trunk,
+    ``inside`` that the border of the picture is not looked at, ``ridge`` how stiff the rule is."""
 
     counts: Mapping[str, float]
     inside: bool = False
+    taps: tuple[int, ...] = TAPS
+    ridge: float = RIDGE
 
 
-USUAL = Telling({"mean": 1.0, "deviation": 1.0, "own moments": 2.0})
+USUAL = Telling({"mean": 1.0, "deviation": 1.0, "own root": 2.0})
 TOLD_BY: Mapping[str, Telling] = {
-    # what lies at the invert has another colour than the wall; how coarse it is tells less
-    "deposit": Telling({"own moments": 1.0, "moments": 1.0}),
-    # an edge and its shadow: neither colour nor light of the pipe; the near joint lies along the border
-    "displaced joint": Telling({"own moments": 1.0}),
+    # what lies at the invert has another colour than the wall, and is large; how coarse it is tells less
+    "deposit": Telling(dict.fromkeys(MOMENTS, 1.0), ridge=RIDGE / 3),
+    # an edge and its shadow, sharp and as a whole: neither colour nor light of the pipe nor what kind of thing it is, which the
+    # last depth knows; the near joint lies along the border
+    "displaced joint": Telling({"own root": 1.0, "broad own moments": 1.0}, taps=TAPS[:2]),
     "fracture": Telling(USUAL.counts, inside=True),
     "roots": Telling({"own moments": 1.0}, inside=True),
 }
@@ -86,8 +89,9 @@ def fit_context(
     for column, name in enumerate(names):
         if (material.labels[rows, column] * material.weights[rows, column] > 0).sum() < LEAST:
             continue
-        scale = _scale(context, told_by or TOLD_BY.get(name, USUAL))
-        weight, bias = _ridge(x * scale, labels[:, column], weights[:, column])
+        telling = told_by or TOLD_BY.get(name, USUAL)
+        scale = _scale(context, telling)
+        weight, bias = _ridge(x * scale, labels[:, column], weights[:, column], telling.ridge)
         with torch.no_grad():
             raw = SLOPE * weight * scale / spread
             context.rule.weight[column] = raw
@@ -97,12 +101,16 @@ def fit_context(
 
 def _scale(context: Context, telling: Telling) -> Tensor:
     """Of each trait (traits,): its kind counts as said, whatever the number of its traits."""
-    counts = [telling.counts.get(kind, 0.0) if inside == telling.inside else 0.0 for kind, inside, _ in context.groups]
-    parts = [torch.full((size,), (count / size) ** 0.5) for count, (*_, size) in zip(counts, context.groups, strict=True)]
+    counts = [
+        telling.counts.get(group.kind, 0.0) if group.inside == telling.inside and group.tap in telling.taps else 0.0
+        for group in context.groups
+    ]
+    sizes = [group.size for group in context.groups]
+    parts = [torch.full((size,), (count / size) ** 0.5) for count, size in zip(counts, sizes, strict=True)]
     return torch.cat(parts) / sum(counts) ** 0.5
 
 
-def _ridge(x: Tensor, labels: Floats, weights: Floats) -> tuple[Tensor, float]:
+def _ridge(x: Tensor, labels: Floats, weights: Floats, ridge: float) -> tuple[Tensor, float]:
     """Weights (traits,) and bias of the rule w . x + b nearest to +-1; solved for the pictures, which are fewer than traits."""
     known = np.flatnonzero(weights > 0)
     signs = np.where(labels[known] > 0, 1.0, -1.0)
@@ -111,7 +119,7 @@ def _ridge(x: Tensor, labels: Floats, weights: Floats) -> tuple[Tensor, float]:
         share[signs == side] *= 0.5 / share[signs == side].sum()
     chosen = x[torch.from_numpy(known)][:, (x != 0).any(dim=0)]
     alike = (chosen @ chosen.T).double().numpy()
-    solved = np.linalg.solve(alike + RIDGE * np.diag(1 / share), np.column_stack([np.ones(len(known)), signs]))
+    solved = np.linalg.solve(alike + ridge * np.diag(1 / share), np.column_stack([np.ones(len(known)), signs]))
     bias = float(solved[:, 1].sum() / solved[:, 0].sum())
     part = torch.from_numpy((solved[:, 1] - bias * solved[:, 0]).astype(np.float32))
     return x[torch.from_numpy(known)].T @ part, bias

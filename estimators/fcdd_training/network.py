@@ -7,6 +7,7 @@ batch-norm eps 1e-3. Head: eqs. 8 and 9 of the CCTV paper.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -36,9 +37,15 @@ TAPS = (7, 10, 15)
 """Blocks that the head looks at: texture and edges at a stride of 16 pixels, parts of things there, whole things at 32."""
 COMPONENTS = 24
 """Of a tap, whose second moments are looked at; with 48 unseen archives are told apart worse."""
-TRAITS = ("mean", "deviation", "own moments", "moments")
-"""Of a tap: mean and deviation of its channels, second moments of its components about their own mean and about that of all
-pictures."""
+MOMENTS = ("own moments", "moments", "broad own moments", "broad moments")
+"""Second moments of a tap's components about their own mean and about that of all pictures; the broad ones are those of what
+surrounds each cell, in which noise and fine grain, by which archives differ, are gone."""
+TRAITS = ("mean", "deviation", *MOMENTS, "own root")
+"""Of a tap: mean and deviation of its channels, moments, and the matrix root of its own moments."""
+BROAD = 5
+"""Cells across what surrounds a cell."""
+NEWTON = 5
+"""Steps to a matrix root."""
 EDGE = (7, 10)
 """Shares of height and width that are left out at each side where a class is looked for inside: texts, clocks and letterboxes,
 by which every archive can be known."""
@@ -119,13 +126,12 @@ class Texture(nn.Module):
     channels, whose projection is that of ``measure`` and is not trained.
 
     The second moments about the picture's own mean know nothing of its colour and light, those about the mean of all pictures
-    do; of each the signed root is taken, as is usual, lest the strongest components tell everything.
+    do.
     """
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.project = nn.Conv2d(channels, COMPONENTS, 1).requires_grad_(False)
-        self.register_buffer("above", torch.triu(torch.ones(COMPONENTS, COMPONENTS)).flatten().nonzero()[:, 0])
 
     def measure(self, tap: Tensor) -> None:
         """Project on the principal components of ``tap`` (n, channels, h, w), each to mean 0 and deviation 1."""
@@ -137,16 +143,41 @@ class Texture(nn.Module):
             self.project.weight.copy_(leading[:, :, None, None])
             self.project.bias.copy_(-leading @ mean)  # type: ignore[union-attr]
 
-    def forward(self, tap: Tensor) -> tuple[Tensor, Tensor]:
-        """Moments (n, COMPONENTS (COMPONENTS + 1) / 2) about the picture's own mean, and about that of all."""
-        z = self.project(tap).flatten(2)
-        mean = z.mean(dim=2, keepdim=True)
-        own = torch.matmul(z - mean, (z - mean).transpose(1, 2)) / z.shape[2]
-        return self._rooted(own), self._rooted(own + torch.matmul(mean, mean.transpose(1, 2)))
+    def forward(self, tap: Tensor) -> Tensor:
+        """The matrices of MOMENTS (n, 4, COMPONENTS, COMPONENTS)."""
+        cells = self.project(tap)
+        broad = functional.avg_pool2d(cells, BROAD, 1, BROAD // 2, count_include_pad=False)
+        return torch.stack([moments for part in (cells, broad) for moments in _second_moments(part)], dim=1)
 
-    def _rooted(self, moments: Tensor) -> Tensor:
-        upper = moments.flatten(1)[:, self.above]
-        return torch.sign(upper) * torch.sqrt(torch.abs(upper))
+
+def _second_moments(components: Tensor) -> tuple[Tensor, Tensor]:
+    """Of (n, k, h, w): (n, k, k) about the own mean of each, and about 0."""
+    z = components.flatten(2)
+    mean = z.mean(dim=2, keepdim=True)
+    own = torch.matmul(z - mean, (z - mean).transpose(1, 2)) / z.shape[2]
+    return own, own + torch.matmul(mean, mean.transpose(1, 2))
+
+
+def matrix_root(moments: Tensor) -> Tensor:
+    """Square roots of covariances (..., k, k) by NEWTON steps of Newton and Schulz, as Li et al. 2018 pool them: what varies
+    most does not tell everything, in whatever direction it lies. Directions that hardly vary stay below their root."""
+    one = torch.eye(moments.shape[-1])
+    trace = (moments * one).sum(dim=(-2, -1), keepdim=True) + 1e-6
+    root, inverse = moments / trace, one.expand(moments.shape)
+    for _ in range(NEWTON):
+        turn = 1.5 * one - 0.5 * torch.matmul(inverse, root)
+        root, inverse = torch.matmul(root, turn), torch.matmul(turn, inverse)
+    return root * torch.sqrt(trace)
+
+
+@dataclass(frozen=True)
+class Group:
+    """``size`` traits of one ``kind`` (TRAITS) of one ``tap`` (TAPS), of the ``inside`` of the picture or of the whole."""
+
+    kind: str
+    tap: int
+    inside: bool
+    size: int
 
 
 class Context(nn.Module):
@@ -156,30 +187,40 @@ class Context(nn.Module):
     than this rule does. It is fitted by itself (context.py); classes without one are told by their maps.
     """
 
+    above: Tensor
+
     def __init__(self, widths: Sequence[int], classes: int) -> None:
         super().__init__()
         self.textures = nn.ModuleList(Texture(width) for width in widths)
         pairs = COMPONENTS * (COMPONENTS + 1) // 2
         self.groups = tuple(
-            (kind, inside, size)
+            Group(kind, tap, inside, width if kind in ("mean", "deviation") else pairs)
             for inside in (False, True)
-            for width in widths
-            for kind, size in zip(TRAITS, (width, width, pairs, pairs), strict=True)
+            for tap, width in zip(TAPS, widths, strict=True)
+            for kind in TRAITS
         )
-        """Kind of the traits, whether they are those of the inside alone, and their number, in their order."""
-        self.rule = nn.Linear(sum(size for *_, size in self.groups), classes)
+        """Of the traits, in their order."""
+        self.rule = nn.Linear(sum(group.size for group in self.groups), classes)
         self.register_buffer("known", torch.zeros(classes))
+        self.register_buffer("above", torch.triu(torch.ones(COMPONENTS, COMPONENTS)).flatten().nonzero()[:, 0])
         nn.init.zeros_(self.rule.weight)
         nn.init.zeros_(self.rule.bias)
 
     def traits(self, features: tuple[Tensor, ...]) -> Tensor:
-        """(n, all of ``groups``)."""
+        """(n, all of ``groups``). Of moments the signed root is taken, as is usual, lest the strongest components tell
+        everything."""
+        taps = (*features, *(_inside(tap) for tap in features))
+        moments = torch.stack(
+            [texture(tap) for texture, tap in zip((*self.textures, *self.textures), taps, strict=True)], dim=1
+        )
+        # the roots of all taps at once: many small steps cost the more the more often they are begun
+        matrices = torch.cat([torch.sign(moments) * torch.sqrt(torch.abs(moments)), matrix_root(moments[:, :, :1])], dim=2)
+        pairs = matrices.flatten(3)[..., self.above].flatten(2)
         found: list[Tensor] = []
-        for taps in (features, tuple(_inside(tap) for tap in features)):
-            for texture, tap in zip(self.textures, taps, strict=True):
-                mean = tap.mean(dim=(2, 3), keepdim=True)
-                spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
-                found.extend((mean[:, :, 0, 0], spread, *texture(tap)))
+        for k, tap in enumerate(taps):
+            mean = tap.mean(dim=(2, 3), keepdim=True)
+            spread = torch.sqrt(((tap - mean) ** 2).mean(dim=(2, 3)) + 1e-6)
+            found.extend((mean[:, :, 0, 0], spread, pairs[:, k]))
         return torch.cat(found, dim=1)
 
     def forward(self, features: tuple[Tensor, ...]) -> Tensor:

@@ -21,8 +21,9 @@ import numpy as np
 
 from device.fcdd.train import Wanted, train_scores
 from estimators.detections import CLASSES
-from estimators.fcdd_training.context import USUAL, Telling
+from estimators.fcdd_training.context import RIDGE, TOLD_BY, USUAL, Telling
 from estimators.fcdd_training.folds import auroc, auroc_interval, grouped_folds, threshold_for
+from estimators.fcdd_training.network import TAPS
 from tests.bench.real_data import data_folder
 from tests.bench.table import print_table
 
@@ -101,10 +102,15 @@ def _tellings() -> dict[str, Telling]:
     return {
         "mean and deviation": Telling({"mean": 1.0, "deviation": 1.0}),
         "own moments": Telling({"own moments": 1.0}),
-        "own moments inside": Telling({"own moments": 1.0}, inside=True),
-        "all but moments": USUAL,
-        "all but moments, inside": replace(USUAL, inside=True),
+        "own moments, inside": Telling({"own moments": 1.0}, inside=True),
+        "own root": Telling({"own root": 1.0}),
+        "own root, finer two depths": Telling({"own root": 1.0}, taps=TAPS[:2]),
+        "own root, broad own moments, finer two depths": TOLD_BY["displaced joint"],
+        "mean, deviation, own root": USUAL,
+        "mean, deviation, own root, inside": replace(USUAL, inside=True),
         "both moments": Telling({"own moments": 1.0, "moments": 1.0}),
+        "both moments, broad too": replace(TOLD_BY["deposit"], ridge=RIDGE),
+        "both moments, broad too, less stiff": TOLD_BY["deposit"],
     }
 
 

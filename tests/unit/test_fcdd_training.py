@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
 
-from estimators.fcdd_training.context import fit_context, measure_textures, traits_of  # noqa: E402
+from estimators.fcdd_training.context import Telling, fit_context, measure_textures, traits_of  # noqa: E402
 from estimators.fcdd_training.network import (  # noqa: E402
     COMPONENTS,
     GAIN,
@@ -21,6 +21,7 @@ from estimators.fcdd_training.network import (  # noqa: E402
     Whole,
     anomaly,
     loss,
+    matrix_root,
     score,
 )
 from estimators.fcdd_training.placed import (  # noqa: E402
@@ -184,14 +185,54 @@ def test_moments_about_the_own_mean_do_not_know_the_colour_and_the_others_do() -
     taps = torch.randn(20, 30, 6, 7)
     texture.measure(taps)
     with torch.no_grad():
-        own, about_all = texture(taps)
+        own, about_all, _, _ = texture(taps).unbind(dim=1)
         # over all pictures the components have mean 0, deviation 1 and nothing in common
         z = texture.project(taps).transpose(0, 1).flatten(1)
         assert torch.allclose(z @ z.T / z.shape[1], torch.eye(COMPONENTS), atol=2e-3)
-        brighter, brighter_all = texture(taps + 0.5)
-    assert own.shape == about_all.shape == (20, COMPONENTS * (COMPONENTS + 1) // 2)
+        brighter, brighter_all, _, _ = texture(taps + 0.5).unbind(dim=1)
+    assert own.shape == about_all.shape == (20, COMPONENTS, COMPONENTS)
     assert torch.allclose(own, brighter, atol=2e-3)
     assert float((about_all - brighter_all).abs().max()) > 0.1
+
+
+def test_broad_moments_know_what_is_large_and_no_grain() -> None:
+    torch.manual_seed(7)
+    texture = Texture(30)
+    texture.measure(torch.randn(20, 30, 12, 12))
+    rows, columns = torch.meshgrid(torch.arange(12), torch.arange(12), indexing="ij")
+    grain = ((rows + columns) % 2 * 2.0 - 1).expand(1, 30, 12, 12)
+    half = ((rows >= 6) * 2.0 - 1).expand(1, 30, 12, 12)
+    with torch.no_grad():
+        (own, _, broad, _), (own_half, _, broad_half, _) = texture(grain)[0], texture(half)[0]
+    assert torch.allclose(own, own_half, atol=1e-3)  # single cells differ as much in both
+    # of 25 cells of a chequerboard 12 make up for 12 others; in a picture of two halves only four rows of twelve see both
+    assert float(broad.trace() / own.trace()) < 0.02
+    assert float(broad_half.trace() / own_half.trace()) > 0.7
+
+
+def test_matrix_roots() -> None:
+    torch.manual_seed(8)
+    turned = torch.linalg.qr(torch.randn(6, 6))[0]
+    values = torch.tensor([4.0, 2.0, 1.0, 1.0, 0.5, 0.5])
+    known = turned @ torch.diag(values) @ turned.T
+    root = matrix_root(torch.stack([known, 100 * known]))
+    assert torch.allclose(root[0], turned @ torch.diag(values.sqrt()) @ turned.T, atol=0.02)
+    assert torch.allclose(root[1], 10 * root[0], rtol=1e-4)
+    assert (matrix_root(torch.zeros(6, 6)) == 0).all()
+
+
+def test_a_class_that_is_told_by_some_depths_does_not_see_the_others() -> None:
+    rng = np.random.default_rng(9)
+    labels = (np.arange(60) % 2 == 0).astype(np.float32)[:, None]
+    taps = [rng.normal(size=(2, 60, width, 3, 4)).astype(np.float16) for width in (80, 112, 320)]
+    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60))
+    context = Context((80, 112, 320), 1)
+    measure_textures(context, material, np.arange(60))
+    telling = Telling({"own root": 1.0, "broad own moments": 1.0}, taps=(7, 10))
+    fit_context(context, material, np.ones(60, np.float32), np.arange(60), ("roots",), telling)
+    parts = context.rule.weight[0].split([group.size for group in context.groups])
+    used = {(group.kind, group.tap, group.inside) for group, part in zip(context.groups, parts, strict=True) if part.any()}
+    assert used == {(kind, tap, False) for kind in telling.counts for tap in telling.taps}
 
 
 def test_traits_of_the_inside_do_not_see_the_border() -> None:
@@ -204,7 +245,7 @@ def test_traits_of_the_inside_do_not_see_the_border() -> None:
         tap[:, :, :, :edge] = tap[:, :, :, -edge:] = 5.0
     with torch.no_grad():
         alike = torch.isclose(context.traits(plain), context.traits(written))[0]
-    inside = torch.cat([torch.full((size,), inside) for _, inside, size in context.groups])
+    inside = torch.cat([torch.full((group.size,), group.inside) for group in context.groups])
     assert alike[inside].all()
     assert not alike[~inside].any()
 
