@@ -11,7 +11,7 @@ from hypothesis import settings
 settings.register_profile("suite", derandomize=True, deadline=None)
 settings.load_profile("suite")  # the same examples in every run: a suite that fails now and then says nothing
 
-pytest.register_assert_rewrite("tests.unit.depth_camera_contract", "tests.unit.grabber_contract", "tests.unit.encoder_contract")
+pytest.register_assert_rewrite("tests.unit.drivers")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -79,7 +79,8 @@ class Bench:
         feed = EncoderFeed("bench tether", "virtual", lambda: self.encoder, timing=TIMING)
         self.feed = grabber
         self.tether = Tether(feed, store.remembered, COUNTS_PER_METRE)
-        return Crawler(grabber, self.tether, None, lambda: Truth(self), Optics((CAMERA.fx, CAMERA.fy), CENTRE), CAMERA.radius)
+        optics = Optics((CAMERA.fx, CAMERA.fy), CENTRE)
+        return Crawler(grabber, self.tether, None, lambda: Truth(self), lambda: optics, CAMERA.radius)
 
     def tick(self) -> tuple[float, NDArray[np.uint8]]:
         """The next moment: its time and its picture."""

@@ -21,7 +21,7 @@ from drivers.base import FrameTimeout, SensorLost
 from drivers.depth.base import DepthCamera, DepthFrame
 from estimators.frame import estimate_frame
 from tests.pairing import PIN
-from tests.unit.analytic_scenes import SMALL, cylinder, to_depth
+from tests.unit.estimators.analytic_scenes import SMALL, cylinder, to_depth
 
 TIMING = FeedTiming(
     read_s=0.2,

@@ -17,7 +17,7 @@ from device.workers import WorkerPool
 from drivers.encoder.osd import OsdReader, OsdText
 from tests.hil.crawler_rig import CAMERA, PipePictures
 from tests.pairing import PIN
-from tests.unit.osd_pictures import as_read
+from tests.unit.drivers.osd_pictures import as_read
 from tests.waiting import wait_until
 
 FPS, FRAMES, STEP_M = 20.0, 200, 0.02

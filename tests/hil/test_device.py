@@ -17,7 +17,7 @@ from device.config import Settings
 from device.daemon import Device
 from device.errors import Busy, Invalid, NotFound, StorageFull, StoreUnusable
 from tests.hil.rig import Bench, PipeCamera
-from tests.unit.device_doubles import ScriptedCamera, eventually, slow_no_fit
+from tests.unit.device.device_doubles import ScriptedCamera, eventually, slow_no_fit
 
 Open = Callable[..., Bench]
 

@@ -10,8 +10,8 @@ from device.health.machine import MachineReader
 from device.health.watch import HotspotWatch
 from device.recorder.reader import open_recording
 from tests.hil.crawler_rig import Bench as CrawlerBench
-from tests.unit.device_doubles import eventually
-from tests.unit.machine_of_fakes import RADIO, FakeMachine
+from tests.unit.device.device_doubles import eventually
+from tests.unit.device.machine_of_fakes import RADIO, FakeMachine
 
 
 def test_a_silent_hotspot_is_noticed_and_started_anew(tmp_path: Path) -> None:

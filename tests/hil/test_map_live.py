@@ -15,7 +15,7 @@ import device.landmarks.live_command
 from device.cli import main
 from device.landmarks.pipeline import LandmarkPipeline
 from tests.hil.crawler_rig import CAMERA, PipePictures
-from tests.unit.wheel_on_a_pty import PtyRig
+from tests.unit.drivers.wheel_on_a_pty import PtyRig
 
 FRAMES, STEP_M, SPEED = 60, 0.02, 0.4
 LINE = r"D (?P<distance>-?\d+\.\d+)"

@@ -15,7 +15,7 @@ from device.diameter import command as measure_command
 from device.diameter.command import measure_live
 from device.errors import Invalid
 from tests.hil.rig import Bench, PipeCamera
-from tests.unit.device_doubles import ScriptedCamera
+from tests.unit.device.device_doubles import ScriptedCamera
 
 
 class Terminal(io.StringIO):

@@ -18,8 +18,8 @@ from drivers.base import EndOfRecording
 from drivers.depth.base import DepthFrame
 from drivers.depth.replay import ReplayCamera
 from tests.hil.rig import PATIENCE_S
-from tests.unit.analytic_scenes import SMALL, cylinder, to_depth
-from tests.unit.device_doubles import eventually
+from tests.unit.device.device_doubles import eventually
+from tests.unit.estimators.analytic_scenes import SMALL, cylinder, to_depth
 
 
 @pytest.fixture

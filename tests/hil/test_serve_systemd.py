@@ -9,8 +9,8 @@ import sys
 import time
 from pathlib import Path
 
-from tests.unit.device_doubles import eventually
-from tests.unit.test_notify import Manager
+from tests.unit.device.device_doubles import eventually
+from tests.unit.device.test_notify import Manager
 
 
 def test_the_service_manager_hears_of_ready_of_life_and_of_the_end(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from flask.testing import FlaskClient
 
 from tests.browser.fake_device import FakeDevice
-from tests.unit.device_doubles import eventually
+from tests.unit.device.device_doubles import eventually
 from tests.unit.web.asking import error, pipe, send
 
 
