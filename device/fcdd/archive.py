@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from device.errors import Invalid
+from drivers import picture_folder
+from drivers.base import RecordingBroken
 
 PICTURES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"}
 NORMAL = "normal"
@@ -102,13 +103,9 @@ def read_archive(folder: Path, classes: ClassFile = SHIPPED_CLASSES) -> list[Sti
 def read_picture(still: Still) -> NDArray[np.uint8]:
     """(h, w, 3) BGR. Raises Invalid."""
     try:
-        data = np.fromfile(still.path, np.uint8)
-    except OSError:
-        raise Invalid(f"The picture {still.path} cannot be read.") from None
-    found = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    if found is None:
-        raise Invalid(f"The file {still.path} is no picture.")
-    return np.asarray(found, dtype=np.uint8)
+        return np.asarray(picture_folder.read_picture(still.path), dtype=np.uint8)
+    except RecordingBroken as error:
+        raise Invalid(str(error)) from error
 
 
 def read_boxes(folder: Path) -> list[Still]:

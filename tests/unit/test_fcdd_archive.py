@@ -78,7 +78,7 @@ def test_a_broken_picture_is_named(tmp_path: Path) -> None:
     (tmp_path / "roots").mkdir()
     (tmp_path / "roots" / "bad.jpg").write_bytes(b"no picture")
     (still,) = read_archive(tmp_path)
-    with pytest.raises(Invalid, match=r"bad\.jpg is no picture"):
+    with pytest.raises(Invalid, match=r"bad\.jpg is not a picture"):
         read_picture(still)
 
 
