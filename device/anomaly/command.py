@@ -10,6 +10,7 @@ from typing import Any
 import click
 import cv2
 
+from device.anomaly.along import PlacedScan, joined, placed_scan
 from device.anomaly.calibration import RigSource, load_calibration
 from device.anomaly.looking import Names, Pair, looking
 from device.anomaly.picture import deviation_overlay, heat_map, reference_picture
@@ -38,6 +39,9 @@ from estimators.anomaly.pair import PairFindings
 @click.option("--pairs", type=click.IntRange(1), help="How many pairs: 6 with --virtual, until Ctrl-C with --camera.")
 @click.option("--calibration", type=click.Path(path_type=Path), help="A file of borescout calibrate stereo.")
 @click.option("--pictures", type=click.Path(path_type=Path, file_okay=False), help="Save overlays and heat maps here (.png).")
+@click.option(
+    "--along", type=click.Path(path_type=Path, dir_okay=False), help="With --replay: join the pairs along their pipes, .json."
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line instead of a table.")
 def anomaly(
     replay: Path | None,
@@ -52,6 +56,7 @@ def anomaly(
     pairs: int | None,
     calibration: Path | None,
     pictures: Path | None,
+    along: Path | None,
     as_json: bool,
 ) -> int:
     """See where a pipe's wall deviates, from stereo."""
@@ -62,6 +67,8 @@ def anomaly(
     options = {name: value for name, value in asked_of_camera.items() if value is not None}
     if camera is None and (options or left or right):
         raise Invalid("The options --serial, --left, --right, --fps and --codec go with --camera.")
+    if along is not None and replay is None:
+        raise Invalid("Pairs are joined along their pipes with --replay: their manifest says where they were taken.")
     cv2.setNumThreads(1)  # the box has other things to do
     eye: StereoEye | None = None
     if camera is not None:
@@ -86,6 +93,8 @@ def anomaly(
     finally:
         if eye is not None:
             eye.feed.close()
+    if along is not None:
+        told.write_along(along)
     if told.unread:
         _warn(f"{told.unread} of {told.total} pairs could not be read.")
     return 1 if told.unread else 0
@@ -96,6 +105,7 @@ class _Told:
 
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
+        self._placed: dict[str, list[PlacedScan]] = {}
         self.total = self.unread = 0
 
     def pair(self, names: Names, frame: StereoFrame | DriverError, source: RigSource, pictures: Path | None) -> None:
@@ -113,9 +123,21 @@ class _Told:
             if pictures is not None and findings is not None:
                 _save(pictures, Path(names["left"]).stem, frame, findings)
         found = {**names, **result, "seconds": round(seconds, 3)}
+        if findings is not None and names.get("chainage_m") is not None:
+            self._placed.setdefault(names["pipe"], []).append(placed_scan(self.total, result, names["chainage_m"]))
         if self.total == 1 and not self._as_json:
             click.echo(_HEADING)
         click.echo(dumps(found) if self._as_json else _line(found))
+
+    def write_along(self, path: Path) -> None:
+        """What the pairs of each pipe tell together, as ``device.anomaly.along.joined``; pairs are told by their numbers."""
+        if not self._placed:
+            raise Invalid("There is nothing to join: no pair that was fitted has a chainage_m in the manifest.")
+        pipes = [{"pipe": pipe, **joined(placed)} for pipe, placed in self._placed.items()]
+        try:
+            path.write_text(dumps(pipes) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise Invalid(f"{path} cannot be written: {error.strerror or error}.") from error
 
 
 def _eye(camera: str, left: str | None, right: str | None, calibration: Path | None, options: dict[str, Any]) -> StereoEye:
@@ -135,7 +157,9 @@ def _replayed(path: Path, source: RigSource) -> Iterator[Pair]:
     """Every pair of the manifest, in its order; the error in place of one that cannot be read."""
     folder = pair_folder(path, source.lenses)
     for number, entry in enumerate(folder.pairs):
-        names = {"left": entry.left, "right": entry.right, "pipe": entry.pipe, "end": entry.end}
+        names: Names = {"left": entry.left, "right": entry.right, "pipe": entry.pipe, "end": entry.end}
+        if entry.chainage_m is not None:
+            names["chainage_m"] = entry.chainage_m
         try:
             yield names, read_pair(folder, entry, number)
         except DriverError as error:

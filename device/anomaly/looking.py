@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import click
 
@@ -13,7 +14,8 @@ from device.feeds.feed import StereoFeed
 from drivers.base import DriverError
 from drivers.stereo.base import StereoFrame
 
-Names = dict[str, str]
+Names = dict[str, Any]
+"""What a pair is known by: "left", and "right", "pipe", "end" and "chainage_m" of a recorded one."""
 Pair = tuple[Names, StereoFrame | DriverError]
 
 FIRST_S = 40.0

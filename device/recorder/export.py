@@ -61,6 +61,8 @@ class _Export:
         self._folder = folder
         self._clouds = clouds
         self._about = {"pipe": (head.get("pipe") or {}).get("name"), "position": head.get("position")}
+        taken = {"pipe": self._about["pipe"], "chainage_m": head.get("chainage_m")}
+        self._taken = {name: value for name, value in taken.items() if value is not None}
         self._mount = _mount_of(head)
         self._cloud_log: LogWriter | None = None
         self._manifest: list[dict[str, Any]] = []
@@ -107,7 +109,7 @@ class _Export:
         lens = told["intrinsics"]
         folders = {side: topic_name("stereo", told["camera"], side).strip("/").replace("/", "-") for side in SIDES}
         paths = {side: f"{folder}/{told['number']:08d}.png" for side, folder in folders.items()}
-        self._pairs.setdefault("pairs", []).append(paths)
+        self._pairs.setdefault("pairs", []).append(paths | self._taken)
         self._pairs |= {
             "width": lens["width"],
             "height": lens["height"],

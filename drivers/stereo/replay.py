@@ -2,9 +2,10 @@
 
 The manifest is a JSON object: ``width``, ``height`` (px), ``focal_px``, ``baseline_mm`` and ``pairs``, a list of
 ``{"left", "right"}`` with paths under the folder. ``principal_px`` [x, y] where it is not the middle, ``disparity_offset_px``
-where it is known (with ``disparity_offset_std_px`` and ``scale_std``, how well), and ``pipe`` and ``end`` of a pair are read
-where they are there. With ``"rectified": false`` the pictures are as two lenses threw them: focal length and baseline are not
-asked for, and a calibration of those lenses must be given. Nothing else is read.
+where it is known (with ``disparity_offset_std_px`` and ``scale_std``, how well), and of a pair ``pipe``, ``end`` and
+``chainage_m`` (where the camera stood, which looks to where chainages grow) are read where they are there. With
+``"rectified": false`` the pictures are as two lenses threw them: focal length and baseline are not asked for, and a calibration
+of those lenses must be given. Nothing else is read.
 """
 
 from __future__ import annotations
@@ -25,12 +26,14 @@ from estimators.pinhole import Intrinsics
 
 @dataclass(frozen=True)
 class PairEntry:
-    """One pair of the manifest: the paths as it writes them, and which pipe they show from which end, where it says so."""
+    """One pair of the manifest: the paths as it writes them, and which pipe they show, from which end and where in it, where it
+    says so."""
 
     left: str
     right: str
     pipe: str
     end: str
+    chainage_m: float | None
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,10 @@ def _entry(item: Any, where: str) -> PairEntry:
             raise RecordingBroken(f"{where} names no {side} picture.")
         if not stays_inside(path):
             raise RecordingBroken(f"{where} names a picture outside its folder: {path}.")
-    return PairEntry(item["left"], item["right"], str(item.get("pipe", "")), str(item.get("end", "")))
+    chainage = item.get("chainage_m")
+    if chainage is not None and not is_number(chainage):
+        raise RecordingBroken(f"{where} has a chainage_m that is not a number.")
+    return PairEntry(item["left"], item["right"], str(item.get("pipe", "")), str(item.get("end", "")), chainage)
 
 
 def _number(found: Mapping[str, Any], field: str, path: Path) -> float:

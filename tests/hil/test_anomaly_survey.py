@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -14,6 +15,7 @@ import pytest
 from device.anomaly.calibration import RigSource
 from device.anomaly.rig import StereoEye
 from device.anomaly.views import unpacked
+from device.cli import cli
 from device.clock import Clock
 from device.config import CrawlerSettings, Settings
 from device.daemon import Device
@@ -124,6 +126,11 @@ def test_a_deposit_is_scanned_kept_and_found_again(box: Callable[..., Device], t
     pairs = pair_folder(tmp_path / "plain")
     assert [read_pair(pairs, entry).left.shape for entry in pairs.pairs] == [(400, 640, 3)] * 2
     assert (pairs.baseline_m, pairs.offset_px) == (0.06, 0.0)
+    assert [(entry.pipe, entry.chainage_m) for entry in pairs.pairs] == [("P1", 12.0)] * 2
+    cli.main(["anomaly", "--replay", str(tmp_path / "plain"), "--along", str(tmp_path / "along.json")], standalone_mode=False)
+    (pipe_found,) = json.loads((tmp_path / "along.json").read_text())
+    assert pipe_found["pipe"] == "P1"
+    assert [one["seen_from"] for one in pipe_found["regions"] if not one["expected"]] in ([[1, 2]], [[2, 1]])
 
 
 def test_a_deposit_scanned_from_two_places_is_one(box: Callable[..., Device]) -> None:
