@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 SIZE = (320, 240)
 """Width and height that the network sees."""
 TAPS = ("fine", "middle", "coarse")
+CLOSER = ("closer", "closer mirrored")
+"""Versions without the picture's border."""
+BORDER = (0.07, 0.05)
+"""Shares of height and width that are cut off at each side of a closer picture."""
+Version = int | str
+"""0 plain, 1 mirrored, each higher number augmented in other ways; or one of CLOSER."""
 Note = Callable[[str], None]
 
 
@@ -50,9 +56,9 @@ class Versions:
 
 
 def features_of(
-    lessons: Sequence[Lesson], versions: int, trunk: bytes, work: Path, name: str, seed: int, note: Note
+    lessons: Sequence[Lesson], versions: Sequence[Version], trunk: bytes, work: Path, name: str, seed: int, note: Note
 ) -> list[tuple[Any, ...]]:
-    """Of each tap its versions: each picture plain, mirrored, and augmented in other ways. Kept in ``work``."""
+    """Of each tap its ``versions``. Kept in ``work``."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -61,24 +67,34 @@ def features_of(
     session = onnxruntime.InferenceSession(trunk, options, providers=["CPUExecutionProvider"])
     print_of = hashlib.sha256(b"".join(lesson.picture[::16, ::16].tobytes() for lesson in lessons)).hexdigest()[:12]
     found: list[list[Any]] = [[] for _ in TAPS]
-    for version in range(versions):
-        files = [work / f"{name}_{print_of}_{seed}_{version}_{tap}.npy" for tap in TAPS]
+    for number, version in enumerate(versions, 1):
+        files = [work / f"{name}_{print_of}_{seed}_{str(version).replace(' ', '_')}_{tap}.npy" for tap in TAPS]
         if not all(file.exists() for file in files):
             rows = [session.run(None, {"picture": _version(lesson, version, seed, k)}) for k, lesson in enumerate(lessons)]
             for k, file in enumerate(files):
                 part = file.with_suffix(".part.npy")
                 np.save(part, np.stack([row[k][0] for row in rows]).astype(np.float16))
                 part.replace(file)
-            note(f"features of {name}, version {version + 1} of {versions}")
+            note(f"features of {name}, version {number} of {len(versions)}")
         for kept, file in zip(found, files, strict=True):
             kept.append(np.load(file, mmap_mode="r"))
     return [tuple(kept) for kept in found]
 
 
-def _version(lesson: Lesson, version: int, seed: int, k: int) -> NDArray[np.float32]:
+def _version(lesson: Lesson, version: Version, seed: int, k: int) -> NDArray[np.float32]:
+    if isinstance(version, str):
+        return prepared(without_border(lesson.picture, mirrored=version == CLOSER[1]), SIZE)
     if version < 2:
         return prepared(np.ascontiguousarray(lesson.picture[:, ::-1]) if version else lesson.picture, SIZE)
     return prepared(augmented(lesson.picture, SIZE, np.random.default_rng([seed, version, k]), lesson.upright), SIZE)
+
+
+def without_border(picture: NDArray[np.uint8], mirrored: bool) -> NDArray[np.uint8]:
+    """``picture`` (h, w, 3) without BORDER, as a closer camera would show it."""
+    height, width = picture.shape[:2]
+    down, across = int(BORDER[0] * height), int(BORDER[1] * width)
+    inside = picture[down : height - down, across : width - across]
+    return np.ascontiguousarray(inside[:, ::-1] if mirrored else inside)
 
 
 def pretrained() -> dict[str, Tensor]:

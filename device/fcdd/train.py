@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from device.errors import Invalid
 from device.fcdd.archive import SHIPPED_CLASSES, ClassFile, read_archive, read_boxes, read_picture
-from device.fcdd.features import SIZE, Versions, features_of, pretrained, trunk_model
+from device.fcdd.features import BORDER, CLOSER, SIZE, Versions, features_of, pretrained, trunk_model
 from device.fcdd.lessons import PLACED, Lesson, lessons_of, rendered_lessons, taught_names
 from device.fcdd.places import learn_places
 from estimators.fcdd import ModelCard, prepared
@@ -71,7 +71,7 @@ class Wanted:
         from estimators.fcdd_training.network import BROAD, EDGE, NEWTON
 
         told = (
-            *(USUAL, TOLD_BY, EDGE, BROAD, NEWTON, CONTEXT_SHARES, PLACED, self.classes.names),
+            *(USUAL, TOLD_BY, EDGE, BROAD, BORDER, NEWTON, CONTEXT_SHARES, PLACED, self.classes.names),
             None if self.boxes is None else self.boxes.name,
             *(self.rendered, self.versions, self.rendered_versions, self.folds, self.seed),
             self.told_by,
@@ -139,18 +139,21 @@ def school_of(wanted: Wanted, note: Note) -> School:
     if wanted.rendered:
         parts.append(rendered_lessons(wanted.rendered, wanted.seed, names, wanted.work))
         note(f"{len(parts[-1])} pictures of the virtual sewer")
-    seen = []
+    seen, closer = [], []
     for part in parts:
         kind = part[0].kind
         count = wanted.rendered_versions if kind == "rendered" else wanted.versions
-        seen.append(features_of(part, count, trunk, wanted.work, kind, wanted.seed, note))
+        seen.append(features_of(part, range(count), trunk, wanted.work, kind, wanted.seed, note))
+        closer.append(features_of(part, CLOSER, trunk, wanted.work, kind, wanted.seed, note))
     lessons = [lesson for part in parts for lesson in part]
-    taps = tuple(Versions(tuple(found)) for found in zip(*seen, strict=True))
-    material = material_of(lessons, taps, wanted.classes.names)
+    taps, inside = (tuple(Versions(tuple(found)) for found in zip(*each, strict=True)) for each in (seen, closer))
+    material = material_of(lessons, taps, inside, wanted.classes.names)
     return School(wanted, lessons, names, material, weights)
 
 
-def material_of(lessons: list[Lesson], taps: tuple[Versions, ...], classes: tuple[str, ...]) -> Material:
+def material_of(
+    lessons: list[Lesson], taps: tuple[Versions, ...], closer: tuple[Versions, ...], classes: tuple[str, ...]
+) -> Material:
     """What ``fit`` takes. Within each kind of picture all classes are drawn alike."""
     from estimators.fcdd_training.training import Material, fair_share
 
@@ -161,7 +164,7 @@ def material_of(lessons: list[Lesson], taps: tuple[Versions, ...], classes: tupl
         rows = np.flatnonzero([lesson.kind == kind for lesson in lessons])
         if len(rows):
             share[rows] = part * fair_share(labels[rows][:, : len(classes)] > 0, [lessons[k].group for k in rows])
-    return Material(taps, labels, weights, share / share.sum())
+    return Material(taps, labels, weights, share / share.sum(), closer)
 
 
 def out_of_fold(school: School, note: Note) -> NDArray[np.float64]:
@@ -184,7 +187,7 @@ def out_of_fold(school: School, note: Note) -> NDArray[np.float64]:
         if not file.exists():
             context = school.context(train)
             with torch.no_grad():
-                told = torch.sigmoid(context.rule(torch.from_numpy(traits_of(context, material, test, 2)))).mean(dim=0)
+                told = torch.sigmoid(context.rule(torch.from_numpy(traits_of(context, material.features, test)))).mean(dim=0)
             np.save(file, told[:, :count].numpy())
             note(f"fold {k + 1} of {wanted.folds} by {wanted.by}")
         found[test] = np.load(file)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from estimators.fcdd_training.network import MOMENTS, TAPS, Context
-from estimators.fcdd_training.training import Floats, Material
+from estimators.fcdd_training.training import Floats, Material, Tap
 
 RIDGE = 1.5e-3
 """On traits of which each kind has a mean square of its weight over the number of weights; pictures weigh 1 in all."""
@@ -26,7 +26,8 @@ SLOPE = 2.0
 @dataclass(frozen=True)
 class Telling:
     """By what a class is told. ``counts`` says how much each kind of traits counts, ``taps`` of which depths of the trunk,
-    ``inside`` that the border of the picture is not looked at, ``ridge`` how stiff the rule is."""
+    ``inside`` that the border of the picture is not looked at; such a class is learnt from closer pictures as well. ``ridge``
+    is how stiff the rule is."""
 
     counts: Mapping[str, float]
     inside: bool = False
@@ -47,12 +48,12 @@ TOLD_BY: Mapping[str, Telling] = {
 """Classes that are told otherwise than usual."""
 
 
-def traits_of(context: Context, material: Material, rows: NDArray[np.int64], versions: int, batch: int = 64) -> Floats:
-    """Traits (versions, rows, traits) of pictures."""
+def traits_of(context: Context, features: Sequence[Tap], rows: NDArray[np.int64], batch: int = 64) -> Floats:
+    """Traits (VERSIONS, rows, traits) of pictures, whose ``features`` are of each tap."""
     found = []
     with torch.no_grad():
-        for version in range(versions):
-            taps = [tap[version][rows] for tap in material.features]
+        for version in range(VERSIONS):
+            taps = [tap[version][rows] for tap in features]
             parts = [
                 context.traits(tuple(torch.from_numpy(tap[k : k + batch].astype(np.float32)) for tap in taps)).numpy()
                 for k in range(0, len(rows), batch)
@@ -78,12 +79,14 @@ def fit_context(
     """Fits ``context``, whose textures are measured, to the pictures ``rows``; ``shares`` (n,) is how much each picture counts.
     ``names`` are the classes of the first columns, which alone get a rule; ``told_by`` is for all of them alike, None for each
     its own. Every class weighs as much as all that is not it."""
-    seen = torch.from_numpy(traits_of(context, material, rows, VERSIONS)).flatten(0, 1)
+    seen, closer = (
+        torch.from_numpy(traits_of(context, features, rows)).flatten(0, 1) for features in (material.features, material.closer)
+    )
     share = torch.from_numpy(np.tile(shares[rows], VERSIONS)).float()
     share = share / share.sum()
     mean = share @ seen
     spread = torch.sqrt(share @ (seen - mean) ** 2) + 1e-3
-    x = (seen - mean) / spread
+    x = (torch.cat([seen, closer]) - mean) / spread
     labels = np.tile(material.labels[rows], (VERSIONS, 1))
     weights = np.tile(material.weights[rows], (VERSIONS, 1)) * share.numpy()[:, None]
     for column, name in enumerate(names):
@@ -91,7 +94,9 @@ def fit_context(
             continue
         telling = told_by or TOLD_BY.get(name, USUAL)
         scale = _scale(context, telling)
-        weight, bias = _ridge(x * scale, labels[:, column], weights[:, column], telling.ridge)
+        times = 2 if telling.inside else 1
+        y, w = np.tile(labels[:, column], times), np.tile(weights[:, column], times)
+        weight, bias = _ridge(x[: len(y)] * scale, y, w, telling.ridge)
         with torch.no_grad():
             raw = SLOPE * weight * scale / spread
             context.rule.weight[column] = raw

@@ -49,12 +49,14 @@ class TrainConfig:
 @dataclass(frozen=True)
 class Material:
     """What is learnt from. ``features`` of each tap of the untouched trunk, ``labels``
-    and ``weights`` (n, classes), ``share`` (n,) how often each picture is drawn (sums to 1)."""
+    and ``weights`` (n, classes), ``share`` (n,) how often each picture is drawn (sums to 1). ``closer`` are the features of
+    the same pictures without their border, plain and mirrored."""
 
     features: tuple[Tap, ...]
     labels: Floats
     weights: Floats
     share: NDArray[np.float64]
+    closer: tuple[Tap, ...]
 
 
 def fit(

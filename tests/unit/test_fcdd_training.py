@@ -9,6 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (dependency group train)")
 
+from device.fcdd.features import without_border  # noqa: E402
 from estimators.fcdd_training.context import Telling, fit_context, measure_textures, traits_of  # noqa: E402
 from estimators.fcdd_training.network import (  # noqa: E402
     COMPONENTS,
@@ -102,11 +103,11 @@ def test_a_context_tells_what_its_pictures_look_like_and_no_rare_class() -> None
     taps = [rng.normal(size=(2, 90, width, 3, 4)).astype(np.float16) for width in (80, 112, 320)]
     # the class is told by how uneven some channels are, which no mean knows
     taps[1][:, :, :40] *= np.where(labels[:, 0] > 0, 3, 1)[None, :, None, None, None].astype(np.float16)
-    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(90, 1 / 90))
+    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(90, 1 / 90), tuple(taps))
     context = Context((80, 112, 320), 2)
     rows = np.arange(0, 90, 2)
     measure_textures(context, material, rows)
-    assert traits_of(context, material, rows, 2).shape == (2, 45, context.rule.in_features)
+    assert traits_of(context, material.features, rows).shape == (2, 45, context.rule.in_features)
     fit_context(context, material, np.ones(90, np.float32), rows, ("roots", "fracture"))
     with torch.no_grad():
         told = context(tuple(torch.from_numpy(tap[0][1::2].astype(np.float32)) for tap in taps)).numpy()
@@ -146,7 +147,7 @@ def test_a_head_learns_what_can_be_seen_and_repeats_itself() -> None:
     taps = [rng.normal(size=(2, 60, width, 2, 3)).astype(np.float16) for width in (80, 112, 320)]
     taps[1][:, :, :8] += labels[None, :, :1, None, None].astype(np.float16) * 2
     taps[2][:, :, :8] += labels[None, :, 1:, None, None].astype(np.float16) * 2
-    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60))
+    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60), ())
     config = TrainConfig(steps=60, batch=16, hidden=8, dropout=0.0, mixup=0.0, rate=1e-2)
     rows = np.arange(40)
     found = _scores(fit(material, rows, config, seed=1), taps)
@@ -225,7 +226,7 @@ def test_a_class_that_is_told_by_some_depths_does_not_see_the_others() -> None:
     rng = np.random.default_rng(9)
     labels = (np.arange(60) % 2 == 0).astype(np.float32)[:, None]
     taps = [rng.normal(size=(2, 60, width, 3, 4)).astype(np.float16) for width in (80, 112, 320)]
-    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60))
+    material = Material(tuple(taps), labels, np.ones_like(labels), np.full(60, 1 / 60), tuple(taps))
     context = Context((80, 112, 320), 1)
     measure_textures(context, material, np.arange(60))
     telling = Telling({"own root": 1.0, "broad own moments": 1.0}, taps=(7, 10))
@@ -233,6 +234,31 @@ def test_a_class_that_is_told_by_some_depths_does_not_see_the_others() -> None:
     parts = context.rule.weight[0].split([group.size for group in context.groups])
     used = {(group.kind, group.tap, group.inside) for group, part in zip(context.groups, parts, strict=True) if part.any()}
     assert used == {(kind, tap, False) for kind in telling.counts for tap in telling.taps}
+
+
+def test_only_what_is_told_by_the_inside_is_learnt_from_closer_pictures() -> None:
+    rng = np.random.default_rng(10)
+    labels = np.repeat((np.arange(60) % 2 == 0).astype(np.float32)[:, None], 2, axis=1)
+    taps = tuple(rng.normal(size=(2, 60, width, 7, 10)).astype(np.float16) for width in (80, 112, 320))
+    shown = tuple(tap.copy() for tap in taps)
+    shown[1][:, ::2, :40] *= 3
+    context = Context((80, 112, 320), 2)
+    measure_textures(context, Material(taps, labels, labels, labels[:, 0], shown), np.arange(60))
+    for closer in (taps, shown):
+        material = Material(taps, labels, np.ones_like(labels), np.full(60, 1 / 60), closer)
+        for inside in (False, True):
+            telling = Telling({"deviation": 1.0}, inside=inside)
+            fit_context(context, material, np.ones(60, np.float32), np.arange(60), ("roots",), telling)
+            with torch.no_grad():
+                told = context(tuple(torch.from_numpy(tap[0].astype(np.float32)) for tap in shown))[:, 0]
+            assert bool(told[::2].mean() > told[1::2].mean() + 1) == (inside and closer is shown)
+
+
+def test_a_picture_without_its_border() -> None:
+    picture = np.zeros((100, 200, 3), np.uint8)
+    picture[7:93, 10:190, 0], picture[7:93, 10, 1] = 1, 1
+    assert (without_border(picture, mirrored=False)[..., 0] == 1).all()
+    assert without_border(picture, mirrored=True)[:, :, 1].nonzero()[1].tolist() == [179] * 86
 
 
 def test_traits_of_the_inside_do_not_see_the_border() -> None:
