@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.anomaly.parts import parts_around
 from estimators.stereo.follow import FollowedWall
 from estimators.stereo.on_wall import windows_of
 from estimators.stereo.unrolled import Unrolled
@@ -208,7 +209,7 @@ def what_closes(deviation: Floats, inside: NDArray[np.bool_], row: NDArray[np.fl
     closing = np.zeros(inside.shape, dtype=np.bool_)
     for sign in (-1.0, 1.0):
         off = sign * np.nan_to_num(deviation) > least
-        labels = cv2.connectedComponents(off.astype(np.uint8), connectivity=8)[1]
+        labels = parts_around(off)[0]
         reaching = np.unique(labels[(before_end < _CLOSING_ROWS[0]) & off])
         longer = np.unique(labels[(before_end > _CLOSING_ROWS[1]) & off])
         closing |= np.isin(labels, np.setdiff1d(reaching, longer)) & off

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from estimators.anomaly.deviation import DeviationMap, Floats, smoothed
 from estimators.anomaly.evidence import speaks
 from estimators.anomaly.joints import Joint
+from estimators.anomaly.parts import parts_around
 from estimators.anomaly.rows import row_medians
 
 _LEAST_M, _LEAST_SHARE = 0.004, 0.012
@@ -65,7 +63,7 @@ def find_regions(found: DeviationMap, joints: list[Joint]) -> list[Region]:
     regions = []
     for sign in (-1.0, 1.0):
         height = np.nan_to_num(sign * smooth)
-        labels, count = _wrapped_labels(height > _GROWN * threshold)
+        labels, count = parts_around(height > _GROWN * threshold)
         if count == 0:
             continue
         seeded = np.zeros(count + 1, dtype=bool)
@@ -100,22 +98,6 @@ def _threshold(found: DeviationMap, smooth: Floats, sigma: Floats) -> Floats:
     rough = np.convolve(np.pad(rows, 7, mode="edge"), kernel, mode="valid")
     least = np.maximum(np.maximum(_LEAST_M, _LEAST_SHARE * found.radius), _NOISE_FACTOR * rough[:, None])
     return np.asarray(np.fmax(least, _SIGMA_FACTOR * sigma), dtype=np.float32)
-
-
-def _wrapped_labels(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
-    """Connected parts of an unrolled mask, whose left and right edge are neighbours."""
-    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-    left, right = (np.asarray(labels[:, edge], dtype=np.int64) for edge in (0, -1))
-    meeting = (left > 0) & (right > 0)
-    graph = coo_matrix((np.ones(meeting.sum()), (left[meeting], right[meeting])), shape=(count, count))
-    found, merged = connected_components(graph, directed=False)
-    if found < count:
-        renumbered = np.zeros(found, dtype=np.int32)
-        others = [part for part in range(found) if part != merged[0]]
-        renumbered[others] = np.arange(1, found)
-        labels = renumbered[merged][labels]
-        count = found
-    return labels.astype(np.int32), count - 1
 
 
 def _region(

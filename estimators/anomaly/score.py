@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.anomaly.deviation import DeviationMap, Floats, smoothed
 from estimators.anomaly.evidence import speaks
+from estimators.anomaly.parts import parts_around
 from estimators.radial_profile.fit import UNEVEN
 
 _SURE, _LOST = 3.0, 1.0
@@ -123,7 +123,7 @@ def _times(found: DeviationMap) -> Floats:
 
 def _parts(found: DeviationMap, times: Floats) -> Iterator[NDArray[np.intp]]:
     """The cells (flat indices) of each connected part that reaches what nothing sound does, ``times`` (Z, A) its deviations."""
-    labels = cv2.connectedComponents((times > _LOST).astype(np.uint8), connectivity=8)[1]
+    labels = parts_around(times > _LOST)[0]
     for label in np.unique(labels[(times > _SURE) & (found.gain > 0)]):
         yield np.flatnonzero(labels == label)
 

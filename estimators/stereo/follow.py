@@ -23,8 +23,8 @@ from estimators.stereo.on_wall import (
     EvenPair,
     RowMisfit,
     WallMatch,
-    answer_of,
     even_pair,
+    gain_over,
     likeness_at,
     match_on_wall,
     row_misfit,
@@ -185,7 +185,7 @@ def follow_wall(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRi
     if length < _LEAST_LENGTH * float(np.median(wall.radius(grid.theta, np.full(len(grid.theta), np.mean(wall.depths))))):
         raise Refused("too_short")
     own = _met(wall, grid)[0] - grid.disparity
-    gain = match.alike - answer_of(match.window, likeness_at(pair, grid, own, misfit, width, height))
+    gain = gain_over(own, pair, grid, match, misfit, width, height)
     unsure = not own_offset and _contradiction(cone, wall, match, ends) > _DOUBT
     if not own_offset:  # what this wall says of the offset is no calibration, yet it is heard
         heard = float(np.hypot(rig.offset_std_px, _HEARD * (cone.offset_px - (rig.offset_px or 0.0))))
@@ -309,9 +309,7 @@ def _from_coarse(coarse: CoarseMatch, grid: Unrolled, reach: float = 0.6, smooth
 def _better_start(pair: EvenPair, grid: Unrolled, start: Floats, misfit: RowMisfit, width: int, height: int) -> Floats:
     """``start`` where the patches agree better there than on the predicted wall, else 0: a wrong coarse match is not
     followed."""
-    there, here = (
-        likeness_at(pair, grid, tried, misfit, width, height, len(WINDOWS) - 1)[0] for tried in (start, np.zeros_like(start))
-    )
+    there, here = (likeness_at(pair, grid, tried, misfit, width, height) for tried in (start, np.zeros_like(start)))
     return np.where(there > here, start, 0.0).astype(np.float32)
 
 

@@ -25,6 +25,10 @@ _BLANK = 3.0
 WINDOWS = (17, 5), (27, 11), (41, 21)
 """Windows, in cells of the finest grid: around the pipe, along it. The smallest whose texture carries the shift answers. They
 are short along it: a camera that looks along the wall sees what is as long as wide foreshortened, most of all a hole."""
+_SMOOTHING = 5, 3
+"""Cells over which the pictures are smoothed where the largest windows are asked whether the wall is here or there. They tell
+it where noise is as strong as texture: white noise falls to a quarter, texture, which is as coarse as the wall is smooth,
+hardly."""
 _MEDIAN = 3
 _ITERATIONS = 2
 _SWEEP = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3, -0.03, -0.06, -0.09, -0.12)
@@ -170,23 +174,37 @@ def match_on_wall(
     lonely = cv2.morphologyEx((state == TRUSTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones(windows[0][::-1], np.uint8)) == 0
     state[lonely & (state == TRUSTED)] = SMOOTH
     state[~grid.seen | (grid.x - grid.disparity - shift < 2)] = OUTSIDE
-    sigma = answer_of(chosen, [window.sigma for window in tried])
-    return WallMatch(shift, sigma, answer_of(chosen, [window.alike for window in tried]), chosen, state)
+    sigma = _answer_of(chosen, [window.sigma for window in tried])
+    return WallMatch(shift, sigma, _answer_of(chosen, [window.alike for window in tried]), chosen, state)
 
 
-def answer_of(chosen: NDArray[np.uint8], answers: list[Floats]) -> Floats:
+def _answer_of(chosen: NDArray[np.uint8], answers: list[Floats]) -> Floats:
     """Of one answer (Z, A) for each of WINDOWS the one of the window that was chosen."""
     return np.asarray(np.choose(chosen, answers), dtype=np.float32)
 
 
-def likeness_at(
-    pair: EvenPair, grid: Unrolled, shift: Floats, misfit: RowMisfit, width: int, height: int, first: int = 0
-) -> list[Floats]:
-    """Correlation of the patches, for each of WINDOWS from the ``first`` on, were the shift ``shift`` (px): how well another
-    answer would do."""
+def likeness_at(pair: EvenPair, grid: Unrolled, shift: Floats, misfit: RowMisfit, width: int, height: int) -> Floats:
+    """Correlation of the largest patches, were the shift ``shift`` (px): how well another answer would do."""
     lift = misfit.at(grid.x, grid.y, width, height)
     left, right = _sampled(pair.left, grid.x, grid.y, pair.step), _right(pair, grid, shift, lift)[0]
-    return [both.alike() for both in _Patches(left, windows_of(grid)[first:]).beside(right)]
+    return _Patches(left, windows_of(grid)[-1:]).beside(right)[0].alike()
+
+
+def gain_over(
+    other: Floats, pair: EvenPair, grid: Unrolled, match: WallMatch, misfit: RowMisfit, width: int, height: int
+) -> Floats:
+    """By how much more alike the patches are, each in the window that answered, at the shifts of ``match`` than at ``other``
+    (px); the largest of smoothed pictures."""
+    lift, windows, smoothing = misfit.at(grid.x, grid.y, width, height), windows_of(grid), _odd(grid, _SMOOTHING)
+    left = _sampled(pair.left, grid.x, grid.y, pair.step)
+    fine, rough = _Patches(left, windows[:-1]), _Patches(_blurred(left, smoothing), windows[-1:])
+
+    def alike(shift: Floats) -> Floats:
+        right = _right(pair, grid, shift, lift)[0]
+        answers = fine.beside(right) + rough.beside(_blurred(right, smoothing))
+        return _answer_of(match.window, [both.alike() for both in answers])
+
+    return alike(match.shift) - alike(other)
 
 
 def sweep(

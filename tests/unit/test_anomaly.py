@@ -6,6 +6,7 @@ import contextlib
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,8 +24,9 @@ from estimators.anomaly.rows import row_medians
 from estimators.anomaly.score import band_scores, plain_score, score, sure_score
 from estimators.pinhole import Intrinsics
 from estimators.stereo.follow import Refused
-from estimators.stereo.on_wall import OCCLUDED, SMOOTH, TRUSTED, even_pair
+from estimators.stereo.on_wall import OCCLUDED, SMOOTH, TRUSTED, EvenPair, RowMisfit, WallMatch, even_pair, gain_over
 from estimators.stereo.rig import StereoRig
+from estimators.stereo.unrolled import Unrolled
 
 DIAMETER = 0.4
 ANGLES, ROWS = 180, 100
@@ -101,9 +103,21 @@ def test_what_closes_the_pipe_is_no_deposit_and_a_deposit_before_it_is_one() -> 
     deviation[210:220, 50:90] = -0.03  # reaches the far end, and is short
     deviation[120:220, 200:240] = -0.03  # a long deposit that reaches it, too
     deviation[100:120, 300:340] = -0.03
+    deviation[210:220, 240:260] = -0.03  # and what belongs to it
     closing = what_closes(deviation, inside, np.arange(240.0), 0.003)
     assert closing[210:220, 50:90].all()
     assert closing.sum() == 400
+    cut = what_closes(np.roll(deviation, -240, axis=1), inside, np.arange(240.0), 0.003)
+    np.testing.assert_array_equal(cut, np.roll(closing, -240, axis=1))
+
+
+def test_wall_that_is_lost_on_both_sides_of_the_cut_is_one_part() -> None:
+    found = flat()
+    found.deviation[40:60, 80:100] = 0.008
+    found.patch[:] = 0.05  # more than half of it, and not half of either half
+    whole = score(found)
+    assert whole[1] == pytest.approx(0.008 * 400 / (22 * 24), rel=0.02)  # with its soft edges
+    assert score(replace(found, deviation=np.roll(found.deviation, 90, axis=1))) == pytest.approx(whole)
 
 
 def test_bands_score_their_own_part_and_say_nothing_of_what_was_not_measured() -> None:
@@ -310,6 +324,25 @@ def test_hidden_and_smooth_are_told_apart() -> None:
 def test_a_wall_with_less_texture_is_told_more_by_large_patches_alone() -> None:
     fine, coarse = looked(0.03).followed, looked(0.0, grain=0.03).followed
     assert 0.0 <= fine.rough < coarse.rough <= coarse.coverage
+
+
+def test_what_large_patches_say_for_a_shift_is_not_drowned_by_noise() -> None:
+    """A strip of a wall as textured as its pictures are noisy: patches of them alike by a half at best."""
+    rng = np.random.default_rng(2)
+    texture = cv2.GaussianBlur(rng.normal(size=(44, 1200)).astype(np.float32), (0, 0), 3)
+    left, right = (texture / texture.std() + rng.normal(size=texture.shape).astype(np.float32) for _ in range(2))
+    pair = EvenPair(left, right, left, left, 1.0, (slice(None), slice(None)))
+    y, x = np.mgrid[2:42, 60:1140].astype(np.float32)
+    zero = np.zeros_like(x)
+    grid = Unrolled(np.linspace(-3, 3, 1080), np.linspace(1, 2, 40), x, y, zero, zero, zero, zero == 0)
+
+    def gain(window: int, other: float) -> float:
+        match = WallMatch(zero, zero, zero, np.full(zero.shape, window, np.uint8), np.full(zero.shape, TRUSTED, np.uint8))
+        return float(gain_over(zero + np.float32(other), pair, grid, match, RowMisfit(), 1200, 44).mean())
+
+    assert gain(1, 20.0) == pytest.approx(0.5, abs=0.08)
+    assert gain(2, 20.0) > 0.75
+    assert gain(2, 0.0) == 0.0
 
 
 def test_two_pictures_of_nothing_are_refused_with_a_sentence() -> None:
