@@ -12,6 +12,7 @@ from web_ui import (
     anomaly,
     api,
     box,
+    calibration,
     captive,
     events,
     faults,
@@ -56,6 +57,7 @@ def create_app(device: "Device", *, allowed_hosts: Collection[str] = (), stream_
     app.register_blueprint(box.blueprint(device))
     app.register_blueprint(alone.blueprint(device))
     app.register_blueprint(anomaly.blueprint(device))
+    app.register_blueprint(calibration.blueprint(device))
     app.register_blueprint(inspecting.blueprint(device))
     app.register_blueprint(site.blueprint(device))
     app.register_blueprint(structure.blueprint(device))

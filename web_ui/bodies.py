@@ -74,6 +74,15 @@ class ScanBody(Body):
     pairs: Annotated[int, Field(ge=1, le=20)] | None = None
 
 
+class BoardBody(Body):
+    """The board that two plain cameras are calibrated with: how many squares across and down, how wide each is on the paper."""
+
+    kind: Literal["charuco", "chessboard"] = "charuco"
+    columns: Annotated[int, Field(ge=4, le=40)] = 9
+    rows: Annotated[int, Field(ge=4, le=40)] = 6
+    square_mm: Annotated[float, Field(ge=2, le=500, allow_inf_nan=False)] = 30.0
+
+
 class DriveBody(Body):
     """Start a drive: which pipe, which way, its interior radius where it is known, the chainage it begins at."""
 
@@ -182,6 +191,12 @@ class SurveyQuery(BaseModel):
     pipe_id: Id | None = None
     limit: Annotated[int, Field(ge=1, le=200)] = 50
     before: Id | None = None
+
+
+class BoardQuery(BoardBody):
+    """The board to print."""
+
+    model_config = ConfigDict(extra="ignore", strict=False)
 
 
 class PictureQuery(BaseModel):

@@ -103,6 +103,13 @@ ROUTES: dict[str, Told] = {
     "anomaly.along": Told("What the scans of one go tell of the pipe together", answers.anomaly.Along),
     "anomaly.view": Told("The reference picture of a scan, without or with the deviations", JPEG),
     "anomaly.wall": Told("The unrolled wall of a scan in colours", PNG),
+    "calibration.state": Told("The calibration of two plain cameras", answers.anomaly.Calibration, errors=(404,)),
+    "calibration.begin": Told("Begin to look for a board", None, bodies.BoardBody, errors=(404, 409)),
+    "calibration.steer": Told(
+        "Calibrate with what was shown, forget it, or use what came out", None, bodies.Empty, errors=(404,)
+    ),
+    "calibration.picture": Told("What a camera sees of the board", JPEG, errors=(404,)),
+    "calibration.board": Told("A board to print at 100 %", FILE, query=bodies.BoardQuery),
     "inspecting.inspections": Told("All inspections", list[answers.inspections.InspectionRow], query=wanted.InspectionQuery),
     "inspecting.begin": Told(
         "Begin an inspection; it takes the pipe's surveys that belong to none",

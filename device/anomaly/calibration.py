@@ -125,9 +125,26 @@ def calibration_there(path: Path) -> StereoCalibration | None:
         return None
 
 
-@dataclass(frozen=True)
+_MUCH_WORSE = 2.0
+
+
+def replace_calibration(path: Path, new: BoardCalibration) -> None:
+    """Save ``new``. Raises Invalid where the file holds a calibration that it must not take the place of."""
+    old = calibration_there(path)
+    if isinstance(old, KnownPipeCalibration):
+        raise Invalid(f"{path} holds a calibration by a known pipe: choose another file.")
+    if old is not None and new.offset_std_px > _MUCH_WORSE * old.offset_std_px:
+        raise Invalid(
+            f"The calibration in {path} is better (disparities ± {old.offset_std_px:.2f} px, this one "
+            f"± {new.offset_std_px:.2f} px) and stays: take more views, or choose another file."
+        )
+    save_calibration(path, new)
+
+
+@dataclass
 class RigSource:
-    """Makes the rig of a frame: what the camera states, corrected by a calibration where there is one."""
+    """Makes the rig of a frame: what the camera states, corrected by a calibration where there is one; a new one may take its
+    place."""
 
     calibration: StereoCalibration | None = None
 

@@ -150,6 +150,8 @@ def _eye(camera: str, left: str | None, right: str | None, calibration: Path | N
     }
     eye = make_stereo(StereoSettings.model_validate(given), 0, lambda: None)
     assert eye is not None  # a driver was named
+    if camera == "pair" and eye.source.lenses is None:
+        raise Invalid("Two plain cameras need a calibration by a board: see borescout calibrate stereo --board.")
     return eye
 
 

@@ -11,8 +11,10 @@ from device.anomaly.rig import StereoEye
 from device.anomaly.survey import AnomalySurvey, reference_jpeg
 from device.anomaly.views import map_json, unpacked, wall_png
 from device.bus import Bus
+from device.calibrating.board_paper import board_of
+from device.calibrating.session import CalibrationSession
 from device.config import StereoSettings
-from device.errors import Invalid, NotFound
+from device.errors import Busy, Invalid, NotFound
 from device.feeds.feed import Feed, StereoFeed
 from device.landmarks.tether import Tether
 from device.notify import Turns
@@ -52,6 +54,9 @@ class AnomalyDesk:
         self._worker = PairWorker()
         self._live: AnomalyLive | None = None
         self._survey: AnomalySurvey | None = None
+        self._calibration: CalibrationSession | None = None
+        if eye is not None and eye.lenses is not None and settings.calibration is not None:
+            self._calibration = CalibrationSession(eye.lenses, eye.feed, eye.source, settings.calibration)
         if eye is not None:
             self._live = AnomalyLive(eye, self._worker, self._tell)
             self._survey = AnomalySurvey(store, bus, eye, self._worker, self._live, shelf)
@@ -76,6 +81,8 @@ class AnomalyDesk:
 
     def close(self) -> None:
         """Stop. May be called twice."""
+        if self._calibration is not None:
+            self._calibration.close()
         if self._survey is not None:
             self._survey.close()
         if self._live is not None:
@@ -91,11 +98,13 @@ class AnomalyDesk:
         return self.state()
 
     def state(self) -> _JSON:
-        """{"available", "state", "survey_id", "frames_done", "frames_wanted", "pairs", "camera", "live", "chainage_m"}."""
+        """{"available", "plain_cameras", "state", "survey_id", "frames_done", "frames_wanted", "pairs", "camera", "live",
+        "chainage_m"}."""
         survey = _IDLE if self._survey is None else {key: self._survey.state()[key] for key in _IDLE}
         tether = None if self._tether is None else self._tether.state()
         return {
             "available": self._eye is not None,
+            "plain_cameras": self._calibration is not None,
             **survey,
             "pairs": self._settings.pairs,
             "camera": None if self._eye is None else self._eye.feed.to_json(),
@@ -118,6 +127,8 @@ class AnomalyDesk:
         """Begin to scan the present view: {"survey_id"}. Raises Busy, NotFound, Invalid, StorageFull."""
         if self._survey is None:
             raise Invalid(NO_CAMERA)
+        if self._calibration is not None and self._calibration.busy:
+            raise Busy("The two cameras are being calibrated: finish or cancel that first.")
         self._refuse()
         wanted = self._settings.pairs if pairs is None else pairs
         return {"survey_id": self._survey.start(pipe_id, None, wanted, chainage=chainage)}
@@ -131,6 +142,20 @@ class AnomalyDesk:
         """Raises Busy while this very survey is under way."""
         if self._survey is not None:
             self._survey.refuse_if_measuring(survey_id)
+
+    @property
+    def calibration(self) -> CalibrationSession:
+        """The calibration of two plain cameras. Raises NotFound where the box has none."""
+        if self._calibration is None:
+            raise NotFound(NO_CAMERA if self._eye is None else "This stereo camera knows its own lenses.")
+        return self._calibration
+
+    def calibrate(self, kind: str, columns: int, rows: int, square_m: float) -> None:
+        """Begin to look for such a board with both cameras. Raises Busy, Invalid, NotFound."""
+        session, board = self.calibration, board_of(kind, columns, rows, square_m)
+        if self._survey is not None and self._survey.busy:
+            raise Busy("A scan is under way: wait for it or cancel it.")
+        session.start(board)
 
     # What was found
 

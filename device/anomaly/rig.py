@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from device.anomaly.calibration import BoardCalibration, RigSource, load_calibration
+from device.anomaly.calibration import KnownPipeCalibration, RigSource, load_calibration
 from device.config import StereoSettings
 from device.errors import Invalid
 from device.feeds.feed import StereoFeed
 from drivers.base import DriverError
 from drivers.registry import open_stereo_camera
 from drivers.stereo.base import StereoCamera
+from drivers.stereo.openers import grabber_pair
+from drivers.stereo.two_cameras import GrabberPair
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,9 @@ class StereoEye:
 
     feed: StereoFeed
     source: RigSource
+    lenses: Callable[[], GrabberPair] | None = None
+    """Makes the two cameras as their lenses throw their pictures, for a calibration by a board; None where they rectify
+    themselves."""
 
 
 def make_stereo(settings: StereoSettings, seed: int, on_change: Callable[[], None]) -> StereoEye | None:
@@ -30,25 +35,29 @@ def make_stereo(settings: StereoSettings, seed: int, on_change: Callable[[], Non
     kind = settings.driver
     if kind == "none":
         return None
-    source = RigSource(None if settings.calibration is None else load_calibration(settings.calibration))
+    file = settings.calibration
+    unknown = file is None or (kind == "pair" and not file.exists())  # a pair may be calibrated on the page
+    source = RigSource(None if unknown or file is None else load_calibration(file))
     make = partial(open_stereo_camera, kind, **_arguments(settings, source, seed))
-    return StereoEye(
-        StereoFeed(_checked(make, settings).name, kind, make, recorded=kind == "replay", on_change=on_change), source
-    )
+    options: Any = settings.options
+    lenses = partial(grabber_pair, settings.left, settings.right, **options) if kind == "pair" else None
+    name = _checked(make, settings).name
+    return StereoEye(StereoFeed(name, kind, make, recorded=kind == "replay", on_change=on_change), source, lenses)
 
 
 def _arguments(settings: StereoSettings, source: RigSource, seed: int) -> dict[str, Any]:
     """What the driver is made with."""
     kind = settings.driver
-    lenses = isinstance(source.calibration, BoardCalibration)
-    if lenses and kind not in ("pair", "replay"):
+    if source.lenses is not None and kind not in ("pair", "replay"):
         raise Invalid(f"The calibration {settings.calibration} is of two plain cameras: the driver {kind} rectifies by itself.")
     if kind == "pair":
+        if isinstance(source.calibration, KnownPipeCalibration):
+            raise Invalid(f"The calibration {settings.calibration} is by a known pipe: two plain cameras need one by a board.")
         if not settings.left or not settings.right or settings.left == settings.right:
             raise Invalid("Say with left and right in [stereo] which two cameras are the pair.")
-        if not lenses:
-            raise Invalid("Two plain cameras need a calibration by a board: see borescout calibrate stereo --board.")
-        return {**settings.options, "left": settings.left, "right": settings.right, "calibrated": source.lenses}
+        if settings.calibration is None:
+            raise Invalid("Two plain cameras need a calibration by a board: name its file with calibration in [stereo].")
+        return {**settings.options, "left": settings.left, "right": settings.right, "calibrated": lambda: source.lenses}
     if kind in ("realsense", "oak"):
         return dict(settings.options)
     dwell = max(1, round(settings.hold_s * settings.rate_hz))

@@ -21,21 +21,40 @@ _MARGIN_MM = 8.0
 _PNG_DPI = 600
 
 
+def board_of(kind: str, columns: int, rows: int, square_m: float) -> Board:
+    """A board as somebody describes it. Raises Invalid."""
+    try:
+        return Board(kind, columns, rows, square_m)
+    except ValueError as error:
+        raise Invalid(f"This is no board: {error}.") from None
+
+
 def write_board(board: Board, path: Path, paper: str) -> None:
     """Write ``path``, a .pdf or .png, for ``paper``. Raises Invalid where the board does not fit, or nothing can be written."""
-    width, height = PAPERS[paper]
-    wide, high = (1000 * board.square_m * count * mm for count in (board.columns, board.rows))
-    if wide > width - 2 * _MARGIN_MM * mm or high > height - 2 * _MARGIN_MM * mm:
-        raise Invalid(
-            f"A board of {wide / mm:.0f} x {high / mm:.0f} mm does not fit on {paper}, {width / mm:.0f} x {height / mm:.0f} mm."
-        )
-    kinds = {".pdf": lambda: _pdf(board, (width, height), (wide, high)), ".png": lambda: _png(board)}
+    kinds = {".pdf": lambda: board_pdf(board, paper), ".png": lambda: _png(board)}
+    _size(board, paper)
     if path.suffix.lower() not in kinds:
         raise Invalid(f"A board is printed as .pdf or .png, not as {path.name}.")
     try:
         path.write_bytes(kinds[path.suffix.lower()]())
     except OSError as error:
         raise Invalid(f"The board cannot be written to {path}: {error.strerror or error}.") from error
+
+
+def board_pdf(board: Board, paper: str) -> bytes:
+    """One page of ``paper`` (PAPERS) with the board in its middle. Raises Invalid where it does not fit."""
+    return _pdf(board, PAPERS[paper], _size(board, paper))
+
+
+def _size(board: Board, paper: str) -> tuple[float, float]:
+    """Across and down, in points. Raises Invalid where ``paper`` is smaller."""
+    width, height = PAPERS[paper]
+    wide, high = (1000 * board.square_m * count * mm for count in (board.columns, board.rows))
+    if wide > width - 2 * _MARGIN_MM * mm or high > height - 2 * _MARGIN_MM * mm:
+        raise Invalid(
+            f"A board of {wide / mm:.0f} x {high / mm:.0f} mm does not fit on {paper}, {width / mm:.0f} x {height / mm:.0f} mm."
+        )
+    return wide, high
 
 
 def _pdf(board: Board, page: tuple[float, float], size: tuple[float, float]) -> bytes:

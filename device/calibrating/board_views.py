@@ -6,7 +6,7 @@ import json
 import re
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -127,17 +127,30 @@ def _named(folder: Path) -> Iterator[tuple[Path, Path]]:
         raise Invalid(f"{folder / MANIFEST} names no pairs that can be read: {error}.") from error
 
 
-def from_cameras(board: Board, cameras: GrabberPair, keep: Kept | None) -> Found:
-    """Views as somebody shows the board to both cameras, until there is enough or Ctrl-C. Raises Invalid."""
+@dataclass(frozen=True)
+class Look:
+    """What both cameras saw at one moment, (H, W, 3) each, the board in either of them, and why it was not kept; empty where it
+    was. ``gathering`` is what was kept until then."""
+
+    pictures: tuple[Picture, Picture]
+    seen: tuple[Sighting | None, Sighting | None]
+    why: str
+    gathering: Gathering
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the pictures."""
+        return self.pictures[0].shape[1], self.pictures[0].shape[0]
+
+
+def looks(board: Board, cameras: GrabberPair, go_on: Callable[[], bool] = lambda: True) -> Iterator[Look]:
+    """Every look at the board until there is enough, or not ``go_on``; the cameras are closed at the end. Raises Invalid where
+    nothing comes or nothing can be done with it, SensorMissing, SensorLost."""
     cameras.open()
     gathering: Gathering | None = None
-    shown = heard = time.monotonic()
-    told = ""
-    number = 0
-    size = (0, 0)
-    _say("Hold the board still before both cameras, then elsewhere; Ctrl-C ends it.")
+    heard = time.monotonic()
     try:
-        while gathering is None or not gathering.enough:
+        while (gathering is None or not gathering.enough) and go_on():
             try:
                 left, right = (frame.image for frame in cameras.read(1.0))
             except FrameTimeout as error:
@@ -146,33 +159,42 @@ def from_cameras(board: Board, cameras: GrabberPair, keep: Kept | None) -> Found
                 continue
             except BadFrame:
                 continue  # the next one is whole
-            except SensorLost as error:
-                if gathering is None:
-                    raise
-                _say(f"{error} What was shown until now is calibrated with.")
-                break
             heard = time.monotonic()
             if left.shape != right.shape:
                 sizes = _sizes({(one.shape[1], one.shape[0]) for one in (left, right)})
                 raise Invalid(f"The two cameras send pictures of different size: {sizes}.")
             if gathering is None:
-                size = left.shape[1], left.shape[0]
-                gathering = Gathering(board, size)
-            number += 1
-            why = gathering.take(f"view {len(gathering.views) + 1}", *sighted(board, left, right))
-            if not why:
-                if keep is not None:
-                    keep.save(left, right)
-                told = _progress(gathering)
-                _say(told)
-            elif sys.stderr.isatty() and heard - shown > _SHOWN_S:
-                shown = heard
-                click.echo(f"\r{why}; {gathering.wanted() or 'enough'}".ljust(78), err=True, nl=False)
-    except KeyboardInterrupt:
-        _say("Ended; what was shown is calibrated with.")
+                gathering = Gathering(board, (left.shape[1], left.shape[0]))
+            seen = sighted(board, left, right)
+            why = gathering.take(f"view {len(gathering.views) + 1}", *seen)
+            yield Look((left, right), seen, why, gathering)
     finally:
         cameras.close()
-    return Found([] if gathering is None else gathering.views, size)
+
+
+def from_cameras(board: Board, cameras: GrabberPair, keep: Kept | None) -> Found:
+    """Views as somebody shows the board to both cameras, until there is enough or Ctrl-C. Raises Invalid, SensorMissing,
+    SensorLost."""
+    last: Look | None = None
+    shown = 0.0
+    _say("Hold the board still before both cameras, then elsewhere; Ctrl-C ends it.")
+    try:
+        for look in looks(board, cameras):
+            last = look
+            if not look.why:
+                if keep is not None:
+                    keep.save(*look.pictures)
+                _say(_progress(look.gathering))
+            elif sys.stderr.isatty() and time.monotonic() - shown > _SHOWN_S:
+                shown = time.monotonic()
+                click.echo(f"\r{look.why}; {look.gathering.wanted() or 'enough'}".ljust(78), err=True, nl=False)
+    except KeyboardInterrupt:
+        _say("Ended; what was shown is calibrated with.")
+    except SensorLost as error:
+        if last is None:
+            raise
+        _say(f"{error} What was shown until now is calibrated with.")
+    return Found([], (0, 0)) if last is None else Found(last.gathering.views, last.size)
 
 
 def _progress(gathering: Gathering) -> str:

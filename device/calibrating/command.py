@@ -8,13 +8,12 @@ from pathlib import Path
 import click
 import cv2
 
-from device.anomaly.calibration import KnownPipeCalibration, board_calibration, calibration_there, save_calibration
-from device.calibrating.board_paper import PAPERS, write_board
+from device.anomaly.calibration import board_calibration, replace_calibration
+from device.calibrating.board_paper import PAPERS, board_of, write_board
 from device.calibrating.board_views import Found, Kept, from_cameras, from_folder
 from device.calibrating.known_pipe import by_known_pipe
 from device.errors import Invalid
-from drivers.grabber.v4l2 import V4l2Grabber
-from drivers.stereo.two_cameras import GrabberPair
+from drivers.stereo.openers import grabber_pair
 from estimators.board.board import KINDS, Board
 from estimators.board.calibration import NotEnough, calibrate_pair
 
@@ -76,10 +75,11 @@ def stereo(
         found = from_folder(board, pairs)
     else:
         try:
-            grabbers = [V4l2Grabber(str(device), _counts(size), codec=codec) for device in (left, right)]
+            width, height = _counts(size)
+            cameras = grabber_pair(str(left), str(right), width=width, height=height, codec=codec)
         except ValueError as error:
             raise Invalid(f"The cameras cannot be asked for that: {error}.") from None
-        found = from_cameras(board, GrabberPair(*grabbers), None if keep is None else Kept(keep))
+        found = from_cameras(board, cameras, None if keep is None else Kept(keep))
     _by_board(board, found, out)
     return 0
 
@@ -107,8 +107,7 @@ def _by_board(board: Board, found: Found, out: Path) -> None:
     for name, off_px in result.left_out:
         click.echo(f"borescout: {name} disagrees with the others by {off_px:.1f} px and is left out.", err=True)
     new = board_calibration(result, board.name)
-    _refuse_worse(out, new.offset_std_px)
-    save_calibration(out, new)
+    replace_calibration(out, new)
     click.echo(
         f"{len(result.views)} views: corners to {result.reprojection_px:.2f} px, rows to {result.epipolar_px:.2f} px, "
         f"disparities ± {result.offset_std_px:.2f} px, baseline {1000 * abs(new.translation_m[0]):.2f} mm ± "
@@ -116,28 +115,10 @@ def _by_board(board: Board, found: Found, out: Path) -> None:
     )
 
 
-_MUCH_WORSE = 2.0
-
-
-def _refuse_worse(out: Path, offset_std_px: float) -> None:
-    """Raises Invalid where the file holds a calibration that this one must not take the place of."""
-    old = calibration_there(out)
-    if isinstance(old, KnownPipeCalibration):
-        raise Invalid(f"{out} holds a calibration by a known pipe: choose another --out.")
-    if old is not None and offset_std_px > _MUCH_WORSE * old.offset_std_px:
-        raise Invalid(
-            f"The calibration in {out} is better (disparities ± {old.offset_std_px:.2f} px, this one ± {offset_std_px:.2f} px) "
-            "and stays: take more views, or choose another --out."
-        )
-
-
 def _board(kind: str, squares: str, square: str) -> Board:
     columns, rows = _counts(squares)
     match = _LENGTH.fullmatch(square)
-    try:
-        return Board(kind, columns, rows, 0.0 if match is None else float(match[1]) * _UNITS[match[2] or "mm"])
-    except ValueError as error:
-        raise Invalid(f"This is no board: {error}.") from None
+    return board_of(kind, columns, rows, 0.0 if match is None else float(match[1]) * _UNITS[match[2] or "mm"])
 
 
 def _counts(text: str) -> tuple[int, int]:

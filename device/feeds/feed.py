@@ -74,6 +74,7 @@ class Feed(Generic[S]):
         self._awake_until = 0.0
         self._woken = threading.Event()
         self._rested = False
+        self._lent = False
         self._timing = timing or FeedTiming()
         self._on_change = on_change
         self._lock = threading.Lock()
@@ -138,6 +139,18 @@ class Feed(Generic[S]):
         self._awake_until = max(self._awake_until, time.monotonic() + seconds)
         self._woken.set()
 
+    def lend(self, lent: bool) -> None:
+        """While it is lent somebody else may open the source: it is closed here, whoever wants samples."""
+        self._lent = lent
+        self._woken.set()
+
+    def at_rest(self, within_s: float) -> bool:
+        """Whether the source is closed, as it is while nobody needs it, at the latest after so many seconds."""
+        deadline = time.monotonic() + within_s
+        while self._state != "resting" and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return self._state == "resting"
+
     def status(self) -> FeedStatus:
         """The state of this moment."""
         now = time.monotonic()
@@ -173,7 +186,7 @@ class Feed(Generic[S]):
 
     def needed(self) -> bool:
         """Whether anybody wants the source to be read just now."""
-        return not self._on_demand or bool(self._taps) or time.monotonic() < self._awake_until
+        return not self._lent and (not self._on_demand or bool(self._taps) or time.monotonic() < self._awake_until)
 
     def rest(self, reader: Reader[S]) -> None:
         """Wait until somebody needs the source, or it is no longer wanted."""

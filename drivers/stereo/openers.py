@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from drivers.library import library
 from drivers.stereo.base import PairSettings, StereoCamera
 from drivers.stereo.live import LivePair
+
+if TYPE_CHECKING:
+    from drivers.stereo.rectifier import Calibrated
+    from drivers.stereo.two_cameras import GrabberPair
 
 
 def realsense(**settings: Any) -> StereoCamera:
@@ -22,11 +27,30 @@ def oak(**settings: Any) -> StereoCamera:
     return LivePair(depthai_rs, PairSettings(**{"height": 800, **settings}))  # the whole of its sensors
 
 
-def two_cameras(*, left: str, right: str, calibrated: Any, fps: float = 6.0, codec: str | None = None) -> StereoCamera:
-    """Two V4L2 devices side by side; ``calibrated`` is a ``drivers.stereo.rectifier.Calibrated``;
-    ``fps`` is no more than a scan needs, for each pair is rectified."""
-    from drivers.grabber.v4l2 import V4l2Grabber
-    from drivers.stereo.two_cameras import GrabberPair, TwoCameras
+def two_cameras(
+    *, left: str, right: str, calibrated: Callable[[], Calibrated | None], fps: float = 6.0, **grabbers: Any
+) -> StereoCamera:
+    """Two V4L2 devices side by side; ``calibrated`` says what is known of their lenses; ``fps`` is no more than a scan needs,
+    for each pair is rectified; ``grabbers`` as in ``grabber_pair``."""
+    from drivers.stereo.two_cameras import TwoCameras
 
-    size = calibrated.lenses.left.size
-    return TwoCameras(GrabberPair(*(V4l2Grabber(device, size, fps, codec=codec) for device in (left, right))), calibrated)
+    known = calibrated()
+    if known is not None:
+        grabbers["width"], grabbers["height"] = known.lenses.left.size
+    return TwoCameras(grabber_pair(left, right, fps=fps, **grabbers), calibrated)
+
+
+def grabber_pair(
+    left: str,
+    right: str,
+    *,
+    width: int = PairSettings.width,
+    height: int = PairSettings.height,
+    fps: float | None = None,
+    codec: str | None = None,
+) -> GrabberPair:
+    """Two V4L2 devices side by side, as their lenses throw their pictures. Raises ValueError for what cannot be asked for."""
+    from drivers.grabber.v4l2 import V4l2Grabber
+    from drivers.stereo.two_cameras import GrabberPair
+
+    return GrabberPair(*(V4l2Grabber(device, (width, height), fps, codec=codec) for device in (left, right)))

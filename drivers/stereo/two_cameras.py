@@ -6,8 +6,9 @@ They are not synchronised: pictures are joined by when they came, with up to hal
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
-from drivers.base import BadFrame, DriverError, FrameTimeout, SensorLost
+from drivers.base import BadFrame, DriverError, FrameTimeout, SensorLost, SensorMissing
 from drivers.grabber.base import FrameGrabber, VideoFrame
 from drivers.stereo.base import StereoCamera, StereoFrame
 from drivers.stereo.rectifier import Calibrated, Rectifier
@@ -70,29 +71,38 @@ class GrabberPair:
 
 
 class TwoCameras(StereoCamera):
-    """The rectified pictures of a GrabberPair."""
+    """The rectified pictures of a GrabberPair. ``calibrated`` is asked whenever they are opened: what is known of their lenses,
+    None where that is nothing yet."""
 
     notice = "The two cameras are not synchronised: hold still while a pair is taken."
 
-    def __init__(self, grabbers: GrabberPair, calibrated: Calibrated) -> None:
+    def __init__(self, grabbers: GrabberPair, calibrated: Callable[[], Calibrated | None]) -> None:
         self._grabbers = grabbers
-        self._rectifier = Rectifier(calibrated)
+        self._calibrated = calibrated
+        self._rectifier: Rectifier | None = None
         self.name = grabbers.name
 
     def _open(self) -> None:
+        known = self._calibrated()
+        if known is None:
+            raise SensorMissing(f"The {self.name} is not calibrated yet: show it a board first.")
+        self._rectifier = Rectifier(known)
         self._grabbers.open()
 
     def _read(self, timeout_s: float) -> StereoFrame:
+        rectifier = self._rectifier
         left, right = self._grabbers.read(timeout_s)
+        if rectifier is None:
+            raise SensorLost(f"The {self.name} is not open.")
         for frame in (left, right):
-            width, height = self._rectifier.size
+            width, height = rectifier.size
             if frame.image.shape[:2] != (height, width):
                 raise BadFrame(
                     f"The {frame.source} sends pictures of {frame.image.shape[1]} x {frame.image.shape[0]}, "
                     f"the calibration is for {width} x {height}: calibrate it as it is now."
                 )
         moment = max(left.monotonic_ns, right.monotonic_ns)
-        return self._rectifier.frame(left.image, right.image, moment, left.number, f"{left.source}, {right.source}")
+        return rectifier.frame(left.image, right.image, moment, left.number, f"{left.source}, {right.source}")
 
     def reset(self) -> None:
         """Reset both cameras; they are closed afterwards."""

@@ -16,7 +16,7 @@ from device.anomaly.along import joined, placed_scan
 from device.anomaly.scan import concluded, refused
 from device.anomaly.views import cloud, map_json, packed, unpacked, wall_png
 from device.bus import Bus
-from device.errors import Busy, NotFound
+from device.errors import Busy, Invalid, NotFound
 from device.prompts import PROMPTS
 from estimators.anomaly.deviation import DeviationMap
 
@@ -83,6 +83,68 @@ def pair_result(**other: Any) -> Json:
     }
 
 
+class FakeCalibration:
+    """The facade of ``device.calibrating.session.CalibrationSession``: each look shows one view more, ``enough`` of them end
+    it."""
+
+    def __init__(self) -> None:
+        self.enough = 3
+        self.board: Json = {}
+        self.saved: Json | None = None
+        self._stage, self._views = "idle", 0
+
+    def start(self, board: Json) -> None:
+        self.board, self._stage, self._views = board, "gathering", 0
+
+    def finish(self) -> None:
+        if self._stage != "gathering":
+            raise Invalid("No calibration is under way.")
+        self._stage = "failed"
+
+    def cancel(self) -> None:
+        self._stage = "idle"
+
+    def save(self) -> None:
+        self._stage, self.saved = "saved", LENSES
+
+    def picture(self, side: str) -> bytes | None:
+        return picture(False)
+
+    def state(self) -> Json:
+        if self._stage == "gathering":
+            self._views += 1
+            if self._views > self.enough:
+                self._stage = "done"
+        cells = [[6 * row + column < 8 * self._views for column in range(6)] for row in range(4)]
+        return {
+            "state": self._stage,
+            "message": "There are 2 usable views of the board, at least 12 are needed." if self._stage == "failed" else "",
+            "board": "charuco 9 x 6, 30 mm",
+            "calibrated": self.saved,
+            "views": self._views,
+            "views_wanted": 18,
+            "covered": {"left": cells, "right": cells} if self._views else None,
+            "covered_wanted": 0.75,
+            "tilts": dict.fromkeys(TILTS, self._views),
+            "tilts_wanted": 2,
+            "seen": "kept" if self._views else "",
+            "next": "show it in the upper left of the left picture",
+            "found": {**LENSES, "left_out": ["view 7"]} if self._stage == "done" else None,
+        }
+
+
+TILTS = ("left edge nearer", "right edge nearer", "upper edge nearer", "lower edge nearer")
+LENSES: Json = {
+    "board": "charuco 9 x 6, 30 mm",
+    "views": 18,
+    "reprojection_px": 0.21,
+    "epipolar_px": 0.12,
+    "offset_std_px": 0.08,
+    "scale_percent": 0.24,
+    "baseline_mm": 60.31,
+}
+
+
 class FakeAnomaly:
     """The facade of ``device.anomaly.desk.AnomalyDesk``."""
 
@@ -93,6 +155,7 @@ class FakeAnomaly:
         self.outcome = "found"
         self.seconds = 0.6
         self.available = True
+        self.calibration = FakeCalibration()
         self.tether: float | None = 12.34
         self.surveys: dict[int, Json] = {}
         self.calls: list[Json] = []
@@ -130,6 +193,7 @@ class FakeAnomaly:
         }
         return {
             "available": self.available,
+            "plain_cameras": self.available,
             **self._scan,
             "pairs": 3,
             "camera": camera if self.available else None,
@@ -149,6 +213,9 @@ class FakeAnomaly:
         self._scan = {"state": "measuring", "survey_id": number, "frames_done": 0, "frames_wanted": 3}
         threading.Thread(target=self._run, args=(number, pipe_id, chainage), daemon=True).start()
         return {"survey_id": number}
+
+    def calibrate(self, kind: str, columns: int, rows: int, square_m: float) -> None:
+        self.calibration.start({"kind": kind, "columns": columns, "rows": rows, "square_m": square_m})
 
     def cancel(self) -> None:
         self._cancel.set()

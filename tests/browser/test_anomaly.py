@@ -81,14 +81,40 @@ def test_a_box_without_a_stereo_camera_says_so(watch: Callable[..., Watched], de
     expect(page.locator("#start")).to_be_disabled()
 
 
+def test_two_plain_cameras_are_calibrated_with_a_board(screen: Watched, device: FakeDevice) -> None:
+    device.anomaly.calibration.enough = 5
+    page = screen.open("/anomaly")
+    page.get_by_role("link", name="Calibrate the two cameras").click()
+    expect(page.locator("#in-use")).to_contain_text("Not calibrated yet")
+    page.fill("#square", "29,5")
+    page.click("#begin")
+    expect(page.locator("#prompt-remedy")).to_have_text("Show it in the upper left of the left picture.")
+    assert "square_mm=29.5" in (page.locator("#board-pdf").get_attribute("href") or "")
+    expect(page.locator("#cells-left .covered")).to_have_count(24)
+    expect(page.locator("#found-offset")).to_have_text("± 0.08 px")
+    expect(page.locator("#found-views")).to_have_text("18, 1 left out")
+    assert device.anomaly.calibration.board == {"kind": "charuco", "columns": 9, "rows": 6, "square_m": 0.0295}
+    assert device.anomaly.calibration.saved is None, "nothing is changed before somebody says so"
+    page.click("#save")
+    expect(page.locator("#in-use")).to_contain_text("In use: charuco 9 x 6, 30 mm, 18 views")
+    device.anomaly.calibration.enough = 1000
+    page.click("#begin")
+    page.click("#finish")
+    expect(page.locator("#prompt-remedy")).to_contain_text("at least 12 are needed")
+    page.click("#begin")
+    page.click("#cancel")
+    expect(page.locator("#begin")).to_be_visible()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("state", ["live", "found", "refused"])
+@pytest.mark.parametrize("state", ["live", "found", "refused", "calibrate"])
 def test_readable_reachable_and_named(watch: Callable[..., Watched], device: FakeDevice, state: str, scheme: str) -> None:
     from tests.browser.test_accessibility import CONTRAST_OF, NAMED, NAMELESS, SMALL_TARGETS
 
     device.anomaly.outcome = state
     device.anomaly.level = "poor"
-    page = watch(360, 740, color_scheme=scheme).open("/anomaly" if state == "live" else f"/surveys/{device.anomaly.add()}")
+    paths = {"live": "/anomaly", "calibrate": "/anomaly/calibrate"}
+    page = watch(360, 740, color_scheme=scheme).open(paths.get(state) or f"/surveys/{device.anomaly.add()}")
     expect(page.locator("#health-text")).not_to_have_text("Box")
     if state == "live":
         expect(page.locator("#aim-matched")).to_have_text("21 %")

@@ -22,9 +22,11 @@ class AnomalyLook(Answer):
 
 
 class Anomaly(Answer):
-    """The anomaly survey: the scan under way, the camera, the live state; `chainage_m` is what the tether counts."""
+    """The anomaly survey: the scan under way, the camera, the live state; `chainage_m` is what the tether counts. Two
+    `plain_cameras` have to be calibrated."""
 
     available: bool
+    plain_cameras: bool
     state: str
     survey_id: int | None
     frames_done: int
@@ -99,3 +101,34 @@ class AnomalyFound(Answer):
     created: str | None
     pipe: Pipe | None
     map: AnomalyMap | None
+
+
+class KnownLenses(Answer):
+    """A calibration: errors of corners and rows (px), how far disparities may be off, and lengths (percent)."""
+
+    board: str
+    views: int
+    reprojection_px: float
+    epipolar_px: float
+    offset_std_px: float
+    scale_percent: float
+    baseline_mm: float
+
+
+class Calibration(Answer):
+    """A calibration by a board: `covered` are the parts of each picture, row by row; `seen` is what becomes of the newest
+    pictures, `next` what to show now; `calibrated` is in use, `found` what came out and can be saved."""
+
+    state: Literal["idle", "gathering", "computing", "done", "failed", "saved"]
+    message: str
+    board: str | None
+    calibrated: KnownLenses | None
+    views: int
+    views_wanted: int
+    covered: dict[str, list[list[bool]]] | None
+    covered_wanted: float
+    tilts: dict[str, int]
+    tilts_wanted: int
+    seen: str
+    next: str
+    found: KnownLenses | None

@@ -69,7 +69,7 @@ class FakeGrabber(FrameGrabber):
 class TwoCamerasRig(LiveRig):
     def __init__(self, right: FakeGrabber | None = None, lenses: LensPair = SIDE_BY_SIDE) -> None:
         self.left, self.right = FakeGrabber("left camera"), right or FakeGrabber("right camera", phase=0.006)
-        self.camera = TwoCameras(GrabberPair(self.left, self.right), Calibrated(lenses, 0.1, 0.002))
+        self.camera = TwoCameras(GrabberPair(self.left, self.right), lambda: Calibrated(lenses, 0.1, 0.002))
         found = rectified(lenses)
         self.intrinsics, self.baseline_m = found.intrinsics, found.baseline_m
 
