@@ -124,6 +124,8 @@ def _stereo(settings: StereoSettings) -> list[Finding]:
     ]
     if gone:
         return [Finding(what, "fault", f"{' and '.join(gone)} not there", "plug both cameras in, always into the same ports")]
+    if settings.driver == "pair" and eye is not None and eye.source.lenses is None:
+        return [Finding(what, "fault", "two cameras that are not calibrated", "calibrate them on the page, /anomaly/calibrate")]
     calibrated = "calibrated" if eye is not None and eye.source.calibration is not None else "as its maker calibrated it"
     return [Finding(what, "ok", f"{settings.driver}, {calibrated}")]
 

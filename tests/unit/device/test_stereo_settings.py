@@ -171,6 +171,8 @@ def test_doctor_says_whether_the_stereo_camera_can_be(tmp_path: Path, board: Pat
     assert (gone.state, gone.found) == ("fault", "/nowhere/video2 not there")
     (there,) = told(pair.replace("/nowhere/video2", str(tmp_path)) + f'calibration = "{board}"\n')
     assert (there.state, there.found) == ("ok", "pair, calibrated")
+    (unknown,) = told(pair.replace("/nowhere/video2", str(tmp_path)) + f'calibration = "{tmp_path / "none.json"}"\n')
+    assert (unknown.state, "/anomaly/calibrate" in unknown.remedy) == ("fault", True)
 
 
 class Missing(StereoCamera):
