@@ -180,7 +180,10 @@ def match_on_wall(
 
 def _answer_of(chosen: NDArray[np.uint8], answers: list[Floats]) -> Floats:
     """Of one answer (Z, A) for each of WINDOWS the one of the window that was chosen."""
-    return np.asarray(np.choose(chosen, answers), dtype=np.float32)
+    found = answers[-1]
+    for number, answer in enumerate(answers[:-1]):  # several times faster than numpy's choose
+        found = np.where(chosen == number, answer, found)
+    return found
 
 
 def likeness_at(pair: EvenPair, grid: Unrolled, shift: Floats, misfit: RowMisfit, width: int, height: int) -> Floats:
@@ -197,14 +200,11 @@ def gain_over(
     (px); the largest of smoothed pictures."""
     lift, windows, smoothing = misfit.at(grid.x, grid.y, width, height), windows_of(grid), _odd(grid, _SMOOTHING)
     left = _sampled(pair.left, grid.x, grid.y, pair.step)
+    there, here = (_right(pair, grid, shift, lift)[0] for shift in (match.shift, other))
     fine, rough = _Patches(left, windows[:-1]), _Patches(_blurred(left, smoothing), windows[-1:])
-
-    def alike(shift: Floats) -> Floats:
-        right = _right(pair, grid, shift, lift)[0]
-        answers = fine.beside(right) + rough.beside(_blurred(right, smoothing))
-        return _answer_of(match.window, [both.alike() for both in answers])
-
-    return alike(match.shift) - alike(other)
+    gains = [match.alike - both.alike() for both in fine.beside(here)]
+    largest = [rough.beside(_blurred(right, smoothing))[0].alike() for right in (there, here)]
+    return _answer_of(match.window, [*gains, largest[0] - largest[1]])
 
 
 def sweep(
