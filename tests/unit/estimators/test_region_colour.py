@@ -12,7 +12,7 @@ from device.anomaly.result import _region
 from estimators.anomaly.colour import ATTACHED, RegionColour, named_by_colour, region_colours
 from estimators.anomaly.regions import Region
 from estimators.pinhole import Intrinsics, rays
-from tests.unit.test_displaced_joints import ANGLES, RADIUS, ROWS, flat
+from tests.unit.estimators.test_displaced_joints import ANGLES, RADIUS, ROWS, flat
 
 CAMERA = Intrinsics(640, 400, 373.0, 373.0, 319.5, 199.5)
 GREY, BROWN = np.array([118.0, 122.0, 125.0]), np.array([60.0, 95.0, 125.0])
