@@ -143,6 +143,7 @@ class Device:
             self._shelf,
             self._pictures,
             self._crawler.tether,
+            on_crawler=self._crawler.grabber is not None and self._crawler.grabber.kind == "stereo",
             turns=self.turns,
             refuse_without_room=self._refuse_without_room,
         )

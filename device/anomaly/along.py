@@ -1,5 +1,6 @@
 """Scans from successive places of one pipe, joined along its chainage: a score for each band of it, each thing told once.
 
+The camera is taken to look to where chainages grow: scans from both ends of a pipe count from one of them, or are not joined.
 Pure: what scans found and where the camera stood in, JSON-ready out.
 """
 
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from device.anomaly.scan import same
+from device.anomaly.scan import placed, same
 from estimators.anomaly.pair import BAND_M
 
 Thing = Mapping[str, Any]
@@ -43,12 +44,9 @@ def placed_scan(survey: int, result: Thing, station: float | None) -> PlacedScan
     def at(ahead: float) -> float | None:
         return None if station is None else round(station + ahead, 3)
 
-    def placed(thing: Thing) -> dict[str, Any]:
-        return {**thing, "survey": survey, "chainage_m": at(thing["z_m"])}
-
     return PlacedScan(
-        [{**placed(region), "number": number} for number, region in enumerate(result["regions"], 1)],
-        [placed(joint) for joint in result["joints"]],
+        [{**placed(region, station), "survey": survey, "number": number} for number, region in enumerate(result["regions"], 1)],
+        [{**placed(joint, station), "survey": survey} for joint in result["joints"]],
         [
             {
                 "survey": survey,

@@ -41,6 +41,7 @@ class AnomalyDesk:
         pictures: PictureCache,
         tether: Tether | None,
         *,
+        on_crawler: bool,
         turns: Turns,
         refuse_without_room: Callable[[], None],
     ) -> None:
@@ -50,6 +51,7 @@ class AnomalyDesk:
         self._bus = bus
         self._pictures = pictures
         self._tether = tether
+        self._on_crawler = on_crawler
         self._refuse = refuse_without_room
         self._worker = PairWorker()
         self._live: AnomalyLive | None = None
@@ -99,9 +101,8 @@ class AnomalyDesk:
 
     def state(self) -> _JSON:
         """{"available", "plain_cameras", "state", "survey_id", "frames_done", "frames_wanted", "pairs", "camera", "live",
-        "chainage_m"}."""
+        "chainage_m", "on_crawler"}."""
         survey = _IDLE if self._survey is None else {key: self._survey.state()[key] for key in _IDLE}
-        tether = None if self._tether is None else self._tether.state()
         return {
             "available": self._eye is not None,
             "plain_cameras": self._calibration is not None,
@@ -109,7 +110,8 @@ class AnomalyDesk:
             "pairs": self._settings.pairs,
             "camera": None if self._eye is None else self._eye.feed.to_json(),
             "live": None if self._live is None else self._live.newest(),
-            "chainage_m": None if tether is None else tether["metres"],
+            "chainage_m": None if self._tether is None else self._tether.metres(),
+            "on_crawler": self._on_crawler,
         }
 
     def picture(self) -> bytes | None:
@@ -155,6 +157,8 @@ class AnomalyDesk:
         session, board = self.calibration, board_of(kind, columns, rows, square_m)
         if self._survey is not None and self._survey.busy:
             raise Busy("A scan is under way: wait for it or cancel it.")
+        if self._eye is not None and self._eye.feed.tapped:
+            raise Busy("A drive, or somebody who looks at its picture, uses these cameras: end it first.")
         session.start(board)
 
     # What was found

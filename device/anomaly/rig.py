@@ -39,10 +39,15 @@ def make_stereo(settings: StereoSettings, seed: int, on_change: Callable[[], Non
     unknown = file is None or (kind == "pair" and not file.exists())  # a pair may be calibrated on the page
     source = RigSource(None if unknown or file is None else load_calibration(file))
     make = partial(open_stereo_camera, kind, **_arguments(settings, source, seed))
-    options: Any = settings.options
-    lenses = partial(grabber_pair, settings.left, settings.right, **options) if kind == "pair" else None
+    lenses = partial(_lenses, settings, source) if kind == "pair" else None
     name = _checked(make, settings).name
     return StereoEye(StereoFeed(name, kind, make, recorded=kind == "replay", on_change=on_change), source, lenses)
+
+
+def _lenses(settings: StereoSettings, source: RigSource) -> GrabberPair:
+    """The two cameras, their pictures as large as those that are rectified: a new calibration is of the same."""
+    options: Any = settings.options
+    return grabber_pair(settings.left, settings.right, known=source.lenses, **options)
 
 
 def _arguments(settings: StereoSettings, source: RigSource, seed: int) -> dict[str, Any]:

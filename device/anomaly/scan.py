@@ -37,7 +37,7 @@ def concluded(results: Sequence[Result], camera: str, chainage: float | None) ->
     for region in middle["regions"]:
         seen_in = 1 + sum(any(same(region, other) for other in one["regions"]) for one in others)
         if 2 * seen_in > len(fitted):
-            regions.append({**_placed(region, chainage), "seen_in": seen_in})
+            regions.append({**placed(region, chainage), "seen_in": seen_in})
         else:
             unconfirmed += 1
     scores = [results[k]["score_mm"] for k in fitted if results[k]["score_mm"] is not None]
@@ -54,7 +54,7 @@ def concluded(results: Sequence[Result], camera: str, chainage: float | None) ->
         "chainage_m": chainage,
         "regions": regions,
         "unconfirmed": unconfirmed,
-        "joints": [_placed(joint, chainage) for joint in middle["joints"]],
+        "joints": [placed(joint, chainage) for joint in middle["joints"]],
     }
     return found, chosen
 
@@ -89,7 +89,8 @@ def same(one: Mapping[str, Any], other: Mapping[str, Any], apart_m: float = _APA
     return bool(apart <= apart_m and around <= _APART_HOURS)
 
 
-def _placed(thing: Result, chainage: float | None) -> Result:
+def placed(thing: Mapping[str, Any], chainage: float | None) -> Result:
+    """``thing``, "z_m" ahead of a camera that stood at ``chainage`` (m, None where nobody said), with its "chainage_m"."""
     return {**thing, "chainage_m": None if chainage is None else round(chainage + thing["z_m"], 3)}
 
 

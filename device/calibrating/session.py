@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,9 @@ log = logging.getLogger(__name__)
 SIDES = ("left", "right")
 RELEASE_S = 15.0
 """How long the feed may take to let go of the cameras."""
+ABANDONED_S = 120.0
+"""A calibration whose state nobody asks for is ended: the cameras are wanted for scans."""
+_ABANDONED = "Nobody looked at the page for two minutes, so the calibration was ended: begin anew."
 _UNEXPECTED = "The calibration failed inside the box; its log says what."
 _MARK = (60, 220, 60)
 
@@ -46,6 +50,7 @@ class CalibrationSession:
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._ending = threading.Event()
+        self._asked = 0.0
         self._cancelled = False
         self._state = "idle"
         self._message = ""
@@ -69,6 +74,7 @@ class CalibrationSession:
             self._left_out = ()
             self._cancelled = False
             self._ending.clear()
+            self._asked = time.monotonic()
             self._thread = threading.Thread(target=self._run, args=(board,), name="calibration", daemon=True)
             self._thread.start()
         log.info("calibration with %s: begins", board.name)
@@ -108,6 +114,7 @@ class CalibrationSession:
         """For the page: {"state", "message", "board", "calibrated", "views", "views_wanted", "covered", "covered_wanted",
         "tilts", "tilts_wanted", "seen", "next", "found"}; "state" is "idle", "gathering", "computing", "done", "failed" or
         "saved"."""
+        self._asked = time.monotonic()
         look, known = self._look, self._source.calibration
         covered = None if look is None else look.gathering.covered()
         return {
@@ -161,8 +168,13 @@ class CalibrationSession:
         """Look until there is enough, or somebody ends it."""
         if not self._feed.at_rest(RELEASE_S):
             raise Invalid("The cameras are busy: unplug both, plug them in again, and begin anew.")
-        for look in looks(board, self._cameras(), lambda: not self._ending.is_set()):
+        for look in looks(board, self._cameras(), self._goes_on):
             self._look = look
+
+    def _goes_on(self) -> bool:
+        if time.monotonic() - self._asked > ABANDONED_S:
+            raise Invalid(_ABANDONED)
+        return not self._ending.is_set()
 
     def _compute(self, board: Board) -> None:
         look = self._look

@@ -125,7 +125,7 @@ def json_document(inspection: Inspection, options: Options) -> bytes:
     document = asdict(inspection)
     document["photos"] = [photo.name for photo in inspection.photos]
     document["clouds"] = [{"survey": cloud.survey, "points": len(cloud.points)} for cloud in inspection.clouds]
-    document["format"] = "borescout inspection 1"
+    document["format"] = "borescout inspection 2"
     return (dumps(document) + "\n").encode()
 
 

@@ -26,6 +26,7 @@ log = logging.getLogger(__name__)
 
 _FPS_WINDOW_S = 2.0
 _RESTING_SENTENCE = "Nobody is looking; it wakes when it is needed."
+_LENT_SENTENCE = "It is being calibrated."
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,11 @@ class Feed(Generic[S]):
         self._awake_until = max(self._awake_until, time.monotonic() + seconds)
         self._woken.set()
 
+    @property
+    def tapped(self) -> bool:
+        """Whether somebody takes its samples just now."""
+        return bool(self._taps)
+
     def lend(self, lent: bool) -> None:
         """While it is lent somebody else may open the source: it is closed here, whoever wants samples."""
         self._lent = lent
@@ -190,7 +196,7 @@ class Feed(Generic[S]):
 
     def rest(self, reader: Reader[S]) -> None:
         """Wait until somebody needs the source, or it is no longer wanted."""
-        self.become(reader, "resting", _RESTING_SENTENCE)
+        self.become(reader, "resting", _LENT_SENTENCE if self._lent else _RESTING_SENTENCE)
         self._rested = self._openings > 0
         while self.wanted(reader) and not self.needed():
             self._woken.wait(1.0)

@@ -41,7 +41,7 @@ class LeftPicture(FrameGrabber):
             if status.state == "lost":
                 raise SensorLost(status.message)
             if time.monotonic() >= deadline:
-                raise FrameTimeout(f"The {self._feed.name} sent no picture for {timeout_s:g} s.")
+                raise FrameTimeout(status.message or f"The {self._feed.name} sent no picture for {timeout_s:g} s.")
         return VideoFrame(in_colour(frame.left), frame.monotonic_ns, frame.number, None, frame.source)
 
     def close(self) -> None:

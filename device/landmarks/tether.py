@@ -47,6 +47,11 @@ class Tether:
             "calibrating": self._start is not None,
         }
 
+    def metres(self) -> float | None:
+        """Where the crawler is now; None while the encoder is silent."""
+        reading, age_s = self.feed.latest, self.feed.status().age_s
+        return None if reading is None or age_s is None or age_s > _FRESH_S else round(self._calibration.metres(reading), 3)
+
     def change(self, change: dict[str, Any]) -> None:
         """Set "counts_per_metre" and "direction", where given. Raises Invalid."""
         with self._lock:

@@ -34,23 +34,23 @@ def two_cameras(
     for each pair is rectified; ``grabbers`` as in ``grabber_pair``."""
     from drivers.stereo.two_cameras import TwoCameras
 
-    known = calibrated()
-    if known is not None:
-        grabbers["width"], grabbers["height"] = known.lenses.left.size
-    return TwoCameras(grabber_pair(left, right, fps=fps, **grabbers), calibrated)
+    return TwoCameras(grabber_pair(left, right, known=calibrated(), fps=fps, **grabbers), calibrated)
 
 
 def grabber_pair(
     left: str,
     right: str,
     *,
+    known: Calibrated | None = None,
     width: int = PairSettings.width,
     height: int = PairSettings.height,
     fps: float | None = None,
     codec: str | None = None,
 ) -> GrabberPair:
-    """Two V4L2 devices side by side, as their lenses throw their pictures. Raises ValueError for what cannot be asked for."""
+    """Two V4L2 devices side by side, as their lenses throw their pictures; of the size that the lenses are ``known`` for, where
+    that is told. Raises ValueError for what cannot be asked for."""
     from drivers.grabber.v4l2 import V4l2Grabber
     from drivers.stereo.two_cameras import GrabberPair
 
-    return GrabberPair(*(V4l2Grabber(device, (width, height), fps, codec=codec) for device in (left, right)))
+    size = (width, height) if known is None else known.lenses.left.size
+    return GrabberPair(*(V4l2Grabber(device, size, fps, codec=codec) for device in (left, right)))

@@ -199,6 +199,7 @@ class FakeAnomaly:
             "camera": camera if self.available else None,
             "live": None if lost or not self.available else live,
             "chainage_m": self.tether,
+            "on_crawler": True,
         }
 
     def picture(self) -> bytes | None:

@@ -60,6 +60,9 @@ def test_scans_of_one_go_are_joined_along_the_pipe(screen: Watched, device: Fake
     expect(page.get_by_text("Stand at 13.8 m for the next scan")).to_be_visible()
     along.get_by_role("link", name=str(second)).click()
     expect(page).to_have_url(f"{screen.root}/surveys/{second}")
+    device.anomaly.outcome = "refused"
+    page.goto(f"{screen.root}/surveys/{device.anomaly.add(chainage=14.0)}")
+    expect(along.locator("#along .inward")).to_have_count(42)  # the pipe is told where this scan tells nothing, too
 
 
 def test_a_smooth_wall_a_lost_camera_and_a_cancelled_scan(watch: Callable[..., Watched], device: FakeDevice) -> None:

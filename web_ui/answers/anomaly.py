@@ -22,8 +22,9 @@ class AnomalyLook(Answer):
 
 
 class Anomaly(Answer):
-    """The anomaly survey: the scan under way, the camera, the live state; `chainage_m` is what the tether counts. Two
-    `plain_cameras` have to be calibrated."""
+    """The anomaly survey: the scan under way, the camera, the live state; `chainage_m` is what the tether counts, null while
+    it is silent; `on_crawler`: the camera is the crawler's, and that is where it stands. Two `plain_cameras` have to be
+    calibrated."""
 
     available: bool
     plain_cameras: bool
@@ -35,6 +36,7 @@ class Anomaly(Answer):
     camera: dict[str, Any] | None
     live: AnomalyLook | None
     chainage_m: float | None
+    on_crawler: bool
 
 
 class Region(Answer):

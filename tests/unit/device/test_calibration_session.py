@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from device.anomaly.calibration import BoardCalibration, RigSource, board_calibration, load_calibration
-from device.calibrating import board_views
+from device.calibrating import board_views, session
 from device.calibrating.session import CalibrationSession
 from device.errors import Busy, Invalid
 from device.feeds.feed import StereoFeed
@@ -146,6 +146,17 @@ def test_the_camera_in_use_is_lent_and_given_back(box: Any) -> None:
     number = pair.feed.latest.number
     step.release(2)
     wait_until(lambda: pair.feed.latest.number > number)
+
+
+def test_a_calibration_that_nobody_looks_at_is_ended(box: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "ABANDONED_S", 0.2)
+    pair = box(views(4), threading.Semaphore(0))
+    pair.session.start(BOARD)
+    wait_until(lambda: not pair.session.busy)
+    assert "Nobody looked" in pair.session.state()["message"]
+    pair.source.calibration = known_lenses()
+    pair.hands.step = None
+    wait_until(lambda: pair.feed.latest is not None)  # the cameras were given back
 
 
 def test_too_few_views_are_refused_and_a_missing_camera_is_told(box: Any) -> None:

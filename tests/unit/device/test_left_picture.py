@@ -81,5 +81,17 @@ def test_a_silent_camera_is_a_timeout_and_a_lost_one_says_in_its_own_words_why(r
     wait_until(sees)
 
 
+def test_cameras_that_are_lent_for_a_calibration_say_so(rig: LeftRig) -> None:
+    rig.grabber.open()
+    rig.grabber.read(READ_S)
+    assert rig.feed.tapped
+    rig.feed.lend(True)
+    assert rig.feed.at_rest(READ_S)
+    with pytest.raises(FrameTimeout, match="calibrated"):
+        drain(rig.grabber, 0.1)
+    rig.feed.lend(False)
+    assert rig.grabber.read(READ_S).image.any()
+
+
 def test_its_optics_are_those_that_the_pairs_state(rig: LeftRig) -> None:
     assert optics_of(rig.feed) == Optics((93.0, 94.0), (78.5, 50.5))

@@ -91,6 +91,9 @@ def test_two_plain_cameras_are_made_of_their_devices_and_their_calibration(board
     eye = made(driver="pair", left="/dev/video0", right="/dev/video2", calibration=board, options={"fps": 10, "codec": "MJPG"})
     assert isinstance(eye.feed._make(), TwoCameras)
     frame = Rectifier(eye.source.lenses).frame(*[np.zeros((100, 160, 3), np.uint8)] * 2, 1, 1, "")
+    assert eye.lenses is not None
+    sizes = [grabber._size for pair in (eye.lenses(), eye.feed._make()._grabbers) for grabber in pair._both]
+    assert sizes == [frame.intrinsics.size] * 4, "a new calibration is of pictures as large as those that are rectified"
     rig = eye.source.rig(frame)
     assert (rig.offset_px, rig.offset_std_px, rig.scale_std) == (0.0, 0.05, 0.001)
     assert rig.baseline_m == pytest.approx(0.06)

@@ -121,12 +121,13 @@ function onState(state) {
 
 // --- where the camera stands ----------------------------------------------------------------------------------------------------
 
-// The field follows the tether until somebody says otherwise.
-let follows = true;
+// Where the camera is the crawler's the field follows the tether until somebody says otherwise; elsewhere when asked to.
+let follows = null;
 function followTether() {
   const counted = seen.state?.chainage_m ?? null;
-  byId("chainage-tether").hidden = counted === null || follows;
-  if (follows && counted !== null && !running.on) byId("chainage").value = counted.toFixed(2);
+  const on = follows ?? seen.state?.on_crawler ?? false;
+  byId("chainage-tether").hidden = counted === null || on;
+  if (on && !running.on) byId("chainage").value = counted === null ? "" : counted.toFixed(2);
 }
 
 function setFollows(on) {

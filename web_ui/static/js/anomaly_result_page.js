@@ -63,11 +63,11 @@ function showPicture(kind) {
 startShell();
 localTimes();
 startDeletion(id);
+if (along.surveys.length > 1) byId("along").replaceChildren(scoreChart(along.bands));
 if (result?.fitted) {
   byId("wall").replaceChildren(wall());
   const bands = result.bands.map((band) => ({ ...band, from_m: start + band.first_m, to_m: start + band.last_m }));
   byId("bands").replaceChildren(bands.length ? scoreChart(bands) : html("p", {}, "No band was measured."));
-  if (along.surveys.length > 1) byId("along").replaceChildren(scoreChart(along.bands));
   byId("show-overlay").addEventListener("click", () => showPicture("overlay"));
   byId("show-reference").addEventListener("click", () => showPicture("reference"));
   byId("cloud-show").addEventListener("click", () => openCloud(id));
